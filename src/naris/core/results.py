@@ -1,0 +1,55 @@
+"""What the stages hand to each other: predictions of a localizer, and what a run came to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from naris.core.pose import Pose
+from naris.errors import RegionError
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a localizer says about one frame.
+
+    Attributes:
+        region_set: the name of the region set that the model was made for.
+        region_names: its K regions.
+        log_probabilities: (K,) natural logarithms that sum to one as probabilities.
+        hypotheses: camera poses `anatomy_T_camera`, best first, as a batch (M,); None from a model without a pose head.
+        weights: (M,) of the hypotheses, summing to one.
+        covariance: (M, 6, 6) of the twist of each hypothesis (mm, rad), in the camera frame.
+        out_of_domain: 0 for a picture like those of the training, 1 for one that is surely not; None if not judged.
+    """
+
+    region_set: str
+    region_names: tuple[str, ...]
+    log_probabilities: Float[np.ndarray, "k"]
+    hypotheses: Pose | None = None
+    weights: Float[np.ndarray, "m"] | None = None
+    covariance: Float[np.ndarray, "m 6 6"] | None = None
+    out_of_domain: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.log_probabilities.shape != (len(self.region_names),):
+            raise RegionError(
+                f"{len(self.region_names)} log-probabilities, one a region",
+                f"{self.log_probabilities.shape}",
+                "check the model",
+            )
+
+    @property
+    def probabilities(self) -> Float[np.ndarray, "k"]:
+        return np.exp(self.log_probabilities)
+
+    @property
+    def region(self) -> int:
+        """The most probable region."""
+        return int(np.argmax(self.log_probabilities))
+
+    @property
+    def region_name(self) -> str:
+        return self.region_names[self.region]
