@@ -1,0 +1,84 @@
+"""Benchmarks: `naris bench NAME` measures figures with goals and peers.
+
+A benchmark is a module with `measure(request: BenchRequest) -> Measurement`; it is imported when it runs.
+"""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from naris.bench.result import BenchResult, Figure, Seconds
+from naris.errors import InputError
+
+BENCHMARKS: Mapping[str, str] = {
+    "render": "naris.bench.render",
+    "simulate": "naris.bench.simulate",
+    "demo": "naris.bench.demo",
+    "reproduce": "naris.bench.reproduce",
+}
+"""The module of each benchmark by its name."""
+
+
+@dataclass(frozen=True)
+class BenchRequest:
+    """What every benchmark is told.
+
+    Attributes:
+        quick: finish within 60 s on two cores, with fewer trials (and say so in each figure's `n`).
+        seed: of everything random.
+        anatomy: a surface file or a saved anatomy, the word `builtin`, or None for what the benchmark is defined on.
+        texture: a picture for the walls, or None.
+        work: a folder for what the benchmark writes and may take up again; None for a temporary one.
+    """
+
+    quick: bool = False
+    seed: int = 0
+    anatomy: str | None = None
+    texture: Path | None = None
+    work: Path | None = None
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What a benchmark gives back: its figures, and what they were measured on (role → name and digest)."""
+
+    figures: tuple[Figure, ...]
+    inputs: Mapping[str, str] = field(default_factory=dict)
+
+
+def run_benchmark(name: str, request: BenchRequest, command: str) -> BenchResult:
+    """Measures, and adds how it was measured.
+
+    Raises:
+        InputError: if there is no benchmark of that name.
+    """
+    from naris.core import provenance
+
+    if name not in BENCHMARKS:
+        raise InputError(f"one of the benchmarks {sorted(BENCHMARKS)}", repr(name), "name one of those")
+    module = importlib.import_module(BENCHMARKS[name])
+    wall_s, cpu_s = time.perf_counter(), cpu_seconds()
+    measurement: Measurement = module.measure(request)
+    seconds = Seconds(time.perf_counter() - wall_s, cpu_seconds() - cpu_s)
+    return BenchResult(
+        command=command,
+        commit=provenance.commit(),
+        machine=provenance.machine(),
+        versions=provenance.versions(),
+        seed=request.seed,
+        seconds=seconds,
+        figures=measurement.figures,
+        inputs=measurement.inputs,
+    )
+
+
+def cpu_seconds() -> float:
+    """CPU time so far of this process and of its children that have ended, over all threads."""
+    import os
+
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
