@@ -1,0 +1,59 @@
+"""What every test may use: shape checks switched on over the whole package, and the data of the project where it is.
+
+`naris` is imported under jaxtyping + beartype, so a wrong shape or dtype fails in any test; `test_shape_checks.py`
+is the canary that fails when this is off. Data for development lies in `../shared/data` beside the checkout
+(or where `NARIS_TEST_DATA` points); tests that use it skip, saying so, where it is absent.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+from pathlib import Path
+
+import jaxtyping._import_hook as import_hook
+import pytest
+
+_COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "kernel"}
+_is_unchecked = import_hook._is_no_type_check
+
+
+def _is_compiled(decorator: ast.AST) -> bool:
+    """Whether a decorator hands its function to numba, which reads bytecode and cannot look through a wrapper."""
+    if isinstance(decorator, ast.Call):
+        return _is_compiled(decorator.func)
+    name = getattr(decorator, "attr", None) or getattr(decorator, "id", "")
+    return name.lstrip("_") in _COMPILERS or name.endswith("jit")
+
+
+import_hook._is_no_type_check = lambda node: _is_unchecked(node) or _is_compiled(node)
+import_hook.install_import_hook("naris", "beartype.beartype")
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SHARED_DATA = Path(os.environ.get("NARIS_TEST_DATA") or REPOSITORY.parent / "shared" / "data")
+
+
+def shared_file(relative: str) -> Path:
+    """A file of the development data; the calling test skips where it is absent."""
+    path = SHARED_DATA / relative
+    if not path.exists():
+        pytest.skip(f"development data {relative} is absent (set NARIS_TEST_DATA to its folder)")
+    return path
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of the development data."""
+    return shared_file("")
+
+
+@pytest.fixture(scope="session")
+def mean_nose_ply() -> Path:
+    """The surface of the published mean nose."""
+    return shared_file("mean-nose/ASR.ply")
+
+
+@pytest.fixture(scope="session")
+def mean_nose_texture() -> Path:
+    """The texture that the published experiment put on the mean nose."""
+    return next(iter(sorted(shared_file("mean-nose").glob("*texture*"))))
