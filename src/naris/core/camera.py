@@ -7,6 +7,7 @@ OpenCV's `fisheye`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -174,7 +175,9 @@ class Intrinsics:
         )
 
 
-def _newton_inverse(distort, target: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:  # noqa: ANN001
+def _newton_inverse(
+    distort: Callable[[np.ndarray], np.ndarray], target: Float[np.ndarray, "*n 2"]
+) -> Float[np.ndarray, "*n 2"]:
     target = np.asarray(target, dtype=np.float64)
     xy, h = target.copy(), 1e-6
     for _ in range(_UNDISTORT_ITERATIONS):

@@ -156,7 +156,7 @@ class Pose:
         return self.shape[0]
 
     def __getitem__(self, index: object) -> Pose:
-        return Pose(self.matrix[index], self.target, self.source)  # type: ignore[index]
+        return Pose(self.matrix[index], self.target, self.source)  # type: ignore[call-overload]
 
     def __matmul__(self, other: Pose) -> Pose:
         """`a_T_b @ b_T_c` is `a_T_c`; frames that do not meet are refused."""
