@@ -6,12 +6,12 @@ A benchmark is a module with `measure(request: BenchRequest) -> Measurement`; it
 from __future__ import annotations
 
 import importlib
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from naris.bench.result import BenchResult, Figure, Seconds
+from naris.core.progress import SILENT, Progress
 from naris.errors import InputError
 
 BENCHMARKS: Mapping[str, str] = {
@@ -33,6 +33,7 @@ class BenchRequest:
         anatomy: a surface file or a saved anatomy, the word `builtin`, or None for what the benchmark is defined on.
         texture: a picture for the walls, or None.
         work: a folder for what the benchmark writes and may take up again; None for a temporary one.
+        progress: where long work reports to.
     """
 
     quick: bool = False
@@ -40,6 +41,7 @@ class BenchRequest:
     anatomy: str | None = None
     texture: Path | None = None
     work: Path | None = None
+    progress: Progress = SILENT
 
 
 @dataclass(frozen=True)
@@ -61,24 +63,15 @@ def run_benchmark(name: str, request: BenchRequest, command: str) -> BenchResult
     if name not in BENCHMARKS:
         raise InputError(f"one of the benchmarks {sorted(BENCHMARKS)}", repr(name), "name one of those")
     module = importlib.import_module(BENCHMARKS[name])
-    wall_s, cpu_s = time.perf_counter(), cpu_seconds()
-    measurement: Measurement = module.measure(request)
-    seconds = Seconds(time.perf_counter() - wall_s, cpu_seconds() - cpu_s)
+    with provenance.Stopwatch() as watch:
+        measurement: Measurement = module.measure(request)
     return BenchResult(
         command=command,
         commit=provenance.commit(),
         machine=provenance.machine(),
         versions=provenance.versions(),
         seed=request.seed,
-        seconds=seconds,
+        seconds=Seconds(watch.wall_s, watch.cpu_s),
         figures=measurement.figures,
         inputs=measurement.inputs,
     )
-
-
-def cpu_seconds() -> float:
-    """CPU time so far of this process and of its children that have ended, over all threads."""
-    import os
-
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
