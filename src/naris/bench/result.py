@@ -1,7 +1,7 @@
 """What a benchmark came to: figures with their goals and peers, and how they were measured, as one JSON object.
 
-The file on disk is `{schema, command, commit, machine, versions, seed, seconds, inputs, figures}`; `figures` is a list of
-`{name, value, unit, n, better, goal, interval, peers}`. `commit` is that of the working tree the code ran from, with
+The file on disk is `{schema, command, commit, machine, versions, seed, seconds, inputs, figures}`; `figures` is a list
+of `{name, value, unit, n, better, goal, interval, peers}`. `commit` is that of the working tree the code ran from, with
 `-dirty` behind it where tracked files differed; null for an installed package.
 """
 
