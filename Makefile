@@ -1,0 +1,54 @@
+# Everything from a bare machine with Python 3.11–3.13 and make: each target sets up .venv first, and reuses it
+# until pyproject.toml or constraints.txt change.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+
+BIN := .venv/bin
+SUITABLE := import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))
+PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python; do \
+	if $$python -c '$(SUITABLE)' 2>/dev/null; then echo $$python; break; fi; done)
+
+.PHONY: help demo test quick lint format clean
+
+help:  ## this list
+	@grep -E '^[a-z]+: .*##' Makefile | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 14
+
+demo: .venv/.installed  ## a nose, pictures of it, a network trained on them, a report: about five minutes
+	$(BIN)/naris demo
+
+test: lint  ## all checks and all tests, with coverage
+	$(BIN)/python -m pytest --cov --cov-report=term
+
+quick: .venv/.installed-dev  ## the tests that take no time
+	$(BIN)/python -m pytest -m "not slow" --durations=0 --durations-min=2
+
+lint: .venv/.installed-dev  ## style, types, import contracts
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: .venv/.installed-dev  ## lay the code out
+	$(BIN)/ruff check --fix-only .
+	$(BIN)/ruff format .
+
+clean:  ## remove the environment, caches and outputs
+	rm -rf .venv build dist out htmlcov coverage.xml .coverage .coverage.* .pytest_cache .mypy_cache .ruff_cache \
+		.hypothesis .import_linter_cache
+	find src tests examples benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/.python:
+	@if [ -z "$(PYTHON)" ]; then \
+		echo "naris needs Python 3.11, 3.12 or 3.13 with the venv module on the PATH (or make PYTHON=/path/to/python)" >&2; \
+		exit 1; fi
+	@if ! $(BIN)/python -c '$(SUITABLE)' 2>/dev/null; then $(PYTHON) -m venv --clear .venv; fi
+	@touch $@
+
+.venv/.installed: .venv/.python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+.venv/.installed-dev: .venv/.python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch .venv/.installed $@

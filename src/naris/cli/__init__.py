@@ -1,0 +1,74 @@
+"""The command line: `naris VERB …`, one verb a stage, each in a module of its own.
+
+A verb is a module with a frozen dataclass `Options` (its command line is generated from it) and
+`run(options, console) -> int`. It is imported when it is called, so that `naris --help` answers at once.
+
+Exit status: 0 the answer is there; 1 the work ran and the honest answer is "no"; 2 bad input, in one line on stderr;
+70 a bug, with a traceback; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import naris
+
+
+class Verb(NamedTuple):
+    """Where a verb lives and what it does, in one line."""
+
+    module: str
+    summary: str
+
+
+VERBS: Mapping[str, Verb] = {
+    "fetch": Verb("naris.cli.fetch", "download public data with pinned digests: mean-nose"),
+}
+"""Every verb that works, in the order of the pipeline."""
+
+_GLOBAL_OPTIONS = {
+    "--json": "print one JSON object on stdout and nothing else there",
+    "--quiet": "on stderr only warnings and errors, no progress bars",
+    "--verbose": "on stderr also what helps to find a fault",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one verb and gives the exit status; `arguments` as after the program's name, by default the process's."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in {"-h", "--help", "help"}:
+        return _print(_overview())
+    if words[0] in {"-V", "--version"}:
+        return _print(f"naris {naris.__version__}")
+    from naris.cli.start import start  # what a verb needs is not needed for the overview
+
+    flags = {word for word in words if word in _GLOBAL_OPTIONS}
+    return start([word for word in words if word not in flags], flags, VERBS)
+
+
+def _overview() -> str:
+    width = max(len(name) for name in [*VERBS, *_GLOBAL_OPTIONS]) + 2
+    lines = [
+        naris.__doc__ or "naris",
+        "",
+        "Usage: naris VERB [OPTIONS]      naris VERB --help tells a verb's options with units and defaults",
+        "",
+        "Verbs:",
+        *(f"  {name:<{width}}{verb.summary}" for name, verb in VERBS.items()),
+        "",
+        "Options of every verb:",
+        *(f"  {name:<{width}}{meaning}" for name, meaning in _GLOBAL_OPTIONS.items()),
+        "",
+        "Exit status: 0 done, 1 the honest answer is no, 2 bad input (one line says what), 130 interrupted.",
+    ]
+    return "\n".join(lines)
+
+
+def _print(text: str) -> int:
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        sys.stdout = None  # nobody reads, and the interpreter must not try again
+    return 0

@@ -1,0 +1,125 @@
+"""Starts a verb and turns whatever comes of it into an exit status."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import io
+import os
+import re
+import sys
+import traceback
+from collections.abc import Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from types import ModuleType, TracebackType
+from typing import TYPE_CHECKING, Any
+
+import naris
+from naris.cli.console import Console, console_for
+from naris.core.atomic import to_json
+from naris.errors import InputError, NarisError
+
+if TYPE_CHECKING:
+    from naris.cli import Verb
+
+BAD_INPUT, BUG, INTERRUPTED, BROKEN_PIPE = 2, 70, 130, 141
+_FRAME = re.compile(r"^[│╭╰─╮╯|\s]+|[│╭╰─╮╯|\s]+$")
+
+
+def start(words: Sequence[str], flags: set[str], verbs: Mapping[str, Verb]) -> int:
+    """Runs the verb that `words` begin with, in the manner that the `flags` of every verb ask for."""
+    console = console_for(flags)
+    with _Outcome(console) as outcome:
+        if not words or words[0] not in verbs:
+            raise InputError(_unknown(words, verbs))
+        name, *rest = words
+        module = importlib.import_module(verbs[name].module)
+        outcome.verb = module
+        outcome.options = _options(module, name, rest)
+        # A library that prints must not get in the way of the answer.
+        with redirect_stdout(sys.stderr):
+            outcome.status = module.run(outcome.options, console)
+    return outcome.status
+
+
+class _Outcome:
+    """What a verb came to: its exit status, and the line that goes with it."""
+
+    def __init__(self, console: Console) -> None:
+        self.status = 0
+        self.verb: ModuleType | None = None
+        self.options: Any = None
+        self._console = console
+
+    def __enter__(self) -> _Outcome:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, where: TracebackType | None
+    ) -> bool:
+        if error is None:
+            return False
+        if isinstance(error, SystemExit):
+            self.status = error.code if isinstance(error.code, int) else 0 if error.code is None else BAD_INPUT
+        elif isinstance(error, BrokenPipeError):
+            self.status = BROKEN_PIPE
+            # Whoever read has left: the interpreter must not try to flush again when it ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self._console.out.fileno())
+        elif isinstance(error, KeyboardInterrupt):
+            self.status = INTERRUPTED
+            self._fail("Interrupted", f"interrupted: {self._kept()}")
+        elif isinstance(error, NarisError):
+            self.status = BAD_INPUT
+            self._fail(type(error).__name__, str(error))
+        elif isinstance(error, OSError) and error.filename is not None:
+            self.status = BAD_INPUT
+            self._fail(type(error).__name__, f"cannot use {error.filename}: {error.strerror}")
+        else:
+            self.status = BUG
+            traceback.print_exception(kind, error, where)
+            self._fail("Bug", f"this is a bug in naris {naris.__version__}: please report the lines above")
+        return True
+
+    def _kept(self) -> str:
+        tell = getattr(self.verb, "interrupted", None)
+        if tell is None or self.options is None:
+            return "nothing is half-written; run the same command again"
+        return str(tell(self.options))
+
+    def _fail(self, kind: str, message: str) -> None:
+        print(f"naris: {message}", file=sys.stderr, flush=True)
+        if self._console.json and not self._console.answered:
+            print(to_json({"error": {"kind": kind, "message": message}}), file=self._console.out, flush=True)
+
+
+def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:
+    """The verb's options from its words; `--help` prints them and ends the program.
+
+    Raises:
+        InputError: if a word is missing, unknown or of the wrong kind, in one line.
+    """
+    import tyro
+
+    told = io.StringIO()
+    try:
+        with redirect_stderr(told):
+            return tyro.cli(module.Options, prog=f"naris {name}", description=module.__doc__, args=list(words))
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        raise InputError(f"{_one_line(told.getvalue())}; naris {name} --help tells the options") from None
+
+
+def _one_line(box: str) -> str:
+    """The first paragraph of tyro's framed message, without its title."""
+    rows = [_FRAME.sub("", row) for row in box.splitlines()[1:]]
+    end = rows.index("") if "" in rows else len(rows)
+    return " ".join(rows[:end]).replace(" (required)", "")
+
+
+def _unknown(words: Sequence[str], verbs: Mapping[str, Verb]) -> str:
+    if not words:
+        return "expected a verb; naris --help lists them"
+    near = difflib.get_close_matches(words[0], verbs, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(near)}? " if near else ""
+    return f"there is no verb {words[0]!r}; {hint}naris --help lists them"
