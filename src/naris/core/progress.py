@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 Advance = Callable[[int], None]
 """Called with the number of steps done since the last call."""
 
 
+@runtime_checkable
 class Progress(Protocol):
     """Where long work reports to. The command line draws bars; libraries and tests use `SILENT` or a fake."""
 
