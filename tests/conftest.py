@@ -27,7 +27,9 @@ def _is_compiled(decorator: ast.AST) -> bool:
 
 
 import_hook._is_no_type_check = lambda node: _is_unchecked(node) or _is_compiled(node)
-import_hook.install_import_hook("naris", "beartype.beartype")
+# An int is as good as a float, as type checkers have it (PEP 484).
+TYPECHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
+import_hook.install_import_hook("naris", TYPECHECKER)
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = Path(os.environ.get("NARIS_TEST_DATA") or REPOSITORY.parent / "shared" / "data")
