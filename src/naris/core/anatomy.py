@@ -61,7 +61,8 @@ class SlabRegions:
         return np.abs(index[:, None] - index[None, :]) <= 1
 
     def label(self, points_mm: Float[np.ndarray, "*n 3"]) -> Int[np.ndarray, "*n"]:
-        return np.searchsorted(np.asarray(self.borders_mm), np.asarray(points_mm)[..., self.axis], side="left")
+        coordinate = np.asarray(points_mm)[..., self.axis]
+        return np.asarray(np.searchsorted(np.asarray(self.borders_mm), coordinate, side="left"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,7 +148,8 @@ class Intrinsics:
             xy = self.lens.distort(np.stack([x / safe, y / safe], axis=-1))
         pixels = xy * np.array([self.fx, self.fy]) + np.array([self.cx, self.cy])
         size = np.array([self.width, self.height])
-        return pixels, front & ((pixels >= -0.5) & (pixels < size - 0.5)).all(axis=-1)
+        inside = ((pixels >= -0.5) & (pixels < size - 0.5)).all(axis=-1)
+        return pixels, np.asarray(front & inside)
 
     def unproject(self, pixels: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 3"]:
         """Unit directions in the camera frame; NaN where the lens model has no ray."""

@@ -206,7 +206,7 @@ def distance(a: Pose, b: Pose) -> tuple[Float[np.ndarray, "*batch"], Float[np.nd
         raise PoseError(f"two poses {a.target}_T_{a.source}", f"{b.target}_T_{b.source}", "bring them to one frame")
     relative = np.swapaxes(a.rotation, -1, -2) @ b.rotation
     angle_rad = np.linalg.norm(rotation_vector(relative), axis=-1)
-    return np.linalg.norm(a.position_mm - b.position_mm, axis=-1), angle_rad
+    return np.asarray(np.linalg.norm(a.position_mm - b.position_mm, axis=-1)), np.asarray(angle_rad)
 
 
 def _hat(v: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
