@@ -1,0 +1,135 @@
+"""Passages: centrelines through the lumen, found as minimal paths through the distance field.
+
+A path costs 1/clearance² a millimetre, so it keeps to the middle of the lumen; then it is smoothed. Which paths are
+worth having is told by `Route`s or found out: the first passage leads from the opening to the far end, and the next
+ones, as in TEASAR (Sato et al., Pacific Graphics 2000), to whatever part of the lumen is furthest from those found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from naris.anatomy.centreline import centreline
+from naris.anatomy.distance import SignedDistance, signed_distance
+from naris.anatomy.lumen import LumenGraph, Tree, lumen_graph
+from naris.core.anatomy import Anatomy, Passage
+
+_END_CLEARANCE_MM = 0.5
+_ROOMY_MM = 0.8
+_COVERED_MM = 9.0
+_MOST_BRANCHES = 6
+_SAME_WAY_MM = 1.5
+_DEAD_END_MM = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """Where a passage is wanted, in mm in the frame of the anatomy; each point may lie up to 5 mm beside the lumen.
+
+    Attributes:
+        name: of the passage.
+        start_mm: (3,) outside end, e.g. the nostril.
+        end_mm: (3,) inside end, e.g. the nasopharynx.
+        via_mm: points to pass on the way, in order.
+    """
+
+    name: str
+    start_mm: Float[np.ndarray, "3"]
+    end_mm: Float[np.ndarray, "3"]
+    via_mm: tuple[Float[np.ndarray, "3"], ...] = ()
+
+
+def find_passages(
+    anatomy: Anatomy, distance: SignedDistance | None = None, routes: Sequence[Route] | None = None
+) -> tuple[Passage, ...]:
+    """The passages of an anatomy: points 0.5 mm apart, each inside the lumen, ordered from outside to inside.
+
+    With `routes`, one passage each. Without, the landmarks whose name ends in `nostril` are the openings (what stands
+    before it, e.g. `left.`, begins the names) and `nasopharynx` the far end; where there are none, the two most distant
+    places of the lumen, the one with the smaller y (anterior in LPS and in the mean nose) first. Then the passages are
+    called `main`, `branch 1`, `branch 2`, … after their opening.
+
+    Raises:
+        PoseError: if a point of a route is more than 5 mm away from the lumen, or the lumen is too thin for the grid.
+    """
+    distance = distance or signed_distance(anatomy)
+    graph = lumen_graph(distance)
+    if routes is not None:
+        ways = _ways_of_routes(graph, routes)
+    else:
+        ways = _ways_found(graph, anatomy.landmarks_mm)
+    return tuple(Passage(name, *centreline(graph.points_mm[way], distance)) for name, way in ways.items())
+
+
+def _ways_of_routes(graph: LumenGraph, routes: Sequence[Route]) -> dict[str, Int[np.ndarray, "m"]]:
+    trees: dict[int, Tree] = {}
+    ways = {}
+    for route in routes:
+        stops = [graph.nearest(point) for point in (route.start_mm, *route.via_mm, route.end_mm)]
+        parts = [np.array(stops[:1])]
+        for start, end in pairwise(stops):
+            if start not in trees:
+                trees[start] = graph.central_tree(start)
+            parts.append(trees[start].way_to(end)[1:])
+        ways[route.name] = np.concatenate(parts)
+    return ways
+
+
+def _ways_found(graph: LumenGraph, landmarks_mm: dict[str, Float[np.ndarray, "3"]]) -> dict[str, Int[np.ndarray, "m"]]:
+    openings = {
+        name.removesuffix("nostril"): graph.nearest(point)
+        for name, point in landmarks_mm.items()
+        if name.endswith("nostril")
+    }
+    far = graph.nearest(landmarks_mm["nasopharynx"]) if "nasopharynx" in landmarks_mm else None
+    if not openings or far is None:
+        openings, far = _two_ends(graph, openings)
+    inwards = {prefix: graph.central_tree(node) for prefix, node in openings.items()}
+    outwards = graph.central_tree(far)
+    ways = {f"{prefix}main": tree.way_to(far) for prefix, tree in inwards.items()}
+    numbers = dict.fromkeys(inwards, 0)
+    for _ in range(_MOST_BRANCHES * len(inwards)):
+        tip = _uncovered_tip(graph, np.concatenate(list(ways.values())))
+        if tip is None:
+            break
+        prefix = min(inwards, key=lambda name: inwards[name].cost[tip])
+        numbers[prefix] += 1
+        ways[f"{prefix}branch {numbers[prefix]}"] = _way_through(graph, inwards[prefix], tip, outwards)
+    return ways
+
+
+def _two_ends(graph: LumenGraph, openings: dict[str, int]) -> tuple[dict[str, int], int]:
+    """Openings and far end where landmarks do not tell: the most distant roomy places of the lumen."""
+    roomy = graph.clearance_mm >= min(_END_CLEARANCE_MM, float(np.quantile(graph.clearance_mm, 0.5)))
+    if openings:
+        return openings, _furthest(graph, np.array(list(openings.values())), roomy)
+    one = _furthest(graph, np.array([int(np.argmax(graph.clearance_mm))]), roomy)
+    other = _furthest(graph, np.array([one]), roomy)
+    first, last = sorted((one, other), key=lambda node: graph.points_mm[node, 1])
+    return {"": first}, last
+
+
+def _furthest(graph: LumenGraph, nodes: Int[np.ndarray, "m"], allowed: Bool[np.ndarray, "n"]) -> int:
+    return int(np.argmax(np.where(allowed, graph.distance_to(nodes), -1.0)))
+
+
+def _uncovered_tip(graph: LumenGraph, covered: Int[np.ndarray, "m"]) -> int | None:
+    """The roomy place furthest from the ways so far, unless all are near."""
+    tip = _furthest(graph, covered, graph.clearance_mm >= _ROOMY_MM)
+    return tip if graph.distance_to(covered)[tip] > _COVERED_MM else None
+
+
+def _way_through(graph: LumenGraph, inwards: Tree, tip: int, outwards: Tree) -> Int[np.ndarray, "m"]:
+    """From the opening to the tip, and on to the far end unless that means to turn back."""
+    there, onwards = inwards.way_to(tip), outwards.way_to(tip)[::-1]
+    nearest, _ = cKDTree(graph.points_mm[there]).query(graph.points_mm[onwards])
+    back = np.flatnonzero(nearest > _SAME_WAY_MM)
+    steps = np.linalg.norm(np.diff(graph.points_mm[onwards], axis=0), axis=1)
+    turned_mm = float(steps[: back[0]].sum()) if len(back) else np.inf
+    return there if turned_mm > _DEAD_END_MM else np.append(there, onwards[1:])
