@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
@@ -118,19 +118,62 @@ class Passage:
         return float(np.linalg.norm(np.diff(self.points_mm, axis=0), axis=1).sum())
 
 
+@dataclass(frozen=True)
+class Enclosed:
+    """The closed surface encloses the air; its normals point into the tissue."""
+
+    kind: Literal["enclosed"] = "enclosed"
+
+
+@dataclass(frozen=True)
+class Entrance:
+    """Where the camera comes in, if the walls in front of it are not all modelled.
+
+    Attributes:
+        axis: of the frame, 0–2.
+        towards: −1 if the outside lies at lower coordinates of that axis, else +1.
+        plane_mm: the entrance is beyond this coordinate.
+        ball_mm: radius of the ball that ends the air there.
+        room_mm: how far the camera may stand in front of what that ball leaves.
+    """
+
+    axis: int
+    towards: Literal[-1, 1]
+    plane_mm: float
+    ball_mm: float = 40.0
+    room_mm: float = 4.0
+
+
+@dataclass(frozen=True)
+class Between:
+    """The closed surface encloses tissue and its normals point into the air, which lies between the walls.
+
+    The air ends where a ball of radius `ball_mm` can come from outside without touching the surface.
+    """
+
+    ball_mm: float = 8.0
+    entrance: Entrance | None = None
+    kind: Literal["between"] = "between"
+
+
+Airspace = Enclosed | Between
+"""On which side of the surface the air is, and how far it goes."""
+
+
 @dataclass(frozen=True, eq=False)
 class Anatomy:
-    """A closed surface whose normals point out of the lumen, with what is known about it.
+    """A closed surface in mm, with what is known about it.
 
     Attributes:
         vertices_mm: (V, 3) float64 in `frame`.
-        faces: (F, 3) int32, counter-clockwise seen from outside the lumen.
+        faces: (F, 3) int32, counter-clockwise seen from outside the closed surface.
         frame: `LPS`, or a name of its own such as `mean`.
         name: what people call it.
         source: where it came from (a file and its digest, or a generator and its parameters).
         regions: region sets by name.
         passages: centrelines by name.
         landmarks_mm: named points, each (3,).
+        airspace: where the air is: enclosed by the surface, or between walls that the surface encloses.
     """
 
     vertices_mm: Float[np.ndarray, "v 3"]
@@ -141,6 +184,7 @@ class Anatomy:
     regions: dict[str, RegionSet] = field(default_factory=dict)
     passages: tuple[Passage, ...] = ()
     landmarks_mm: dict[str, Float[np.ndarray, "3"]] = field(default_factory=dict)
+    airspace: Airspace = Enclosed()
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices_mm, dtype=np.float64)
@@ -162,8 +206,10 @@ class Anatomy:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of frame, vertices and faces: two anatomies of one digest have the same shape."""
+        """SHA-256 of frame, air space, vertices and faces: two anatomies of one digest have the same lumen."""
         hasher = hashlib.sha256(self.frame.encode())
+        if self.airspace != Enclosed():
+            hasher.update(repr(self.airspace).encode())
         hasher.update(self.vertices_mm.tobytes())
         hasher.update(self.faces.tobytes())
         return hasher.hexdigest()
