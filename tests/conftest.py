@@ -12,6 +12,7 @@ import os
 from pathlib import Path
 
 import jaxtyping._import_hook as import_hook
+import hypothesis
 import pytest
 
 _COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "kernel"}
@@ -30,6 +31,10 @@ import_hook._is_no_type_check = lambda node: _is_unchecked(node) or _is_compiled
 # An int is as good as a float, as type checkers have it (PEP 484).
 TYPECHECKER = "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))"
 import_hook.install_import_hook("naris", TYPECHECKER)
+
+# A busy machine is no fault of the code; under CI the same examples every time.
+hypothesis.settings.register_profile("naris", deadline=None, derandomize="CI" in os.environ)
+hypothesis.settings.load_profile("naris")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = Path(os.environ.get("NARIS_TEST_DATA") or REPOSITORY.parent / "shared" / "data")

@@ -69,7 +69,7 @@ class Fisheye:
 
     def bend(self, theta_rad: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         t2 = theta_rad * theta_rad
-        return theta_rad * (1 + t2 * (self.k1 + t2 * (self.k2 + t2 * (self.k3 + t2 * self.k4))))
+        return np.asarray(theta_rad * (1 + t2 * (self.k1 + t2 * (self.k2 + t2 * (self.k3 + t2 * self.k4)))))
 
     def unbend(self, theta_d: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """The inverse of `bend` on its first rising branch; NaN beyond it."""
