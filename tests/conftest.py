@@ -11,8 +11,8 @@ import ast
 import os
 from pathlib import Path
 
-import jaxtyping._import_hook as import_hook
 import hypothesis
+import jaxtyping._import_hook as import_hook
 import pytest
 
 _COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "kernel"}
