@@ -37,15 +37,16 @@ _GLOBAL_OPTIONS = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one verb and gives the exit status; `arguments` as after the program's name, by default the process's."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    if not words or words[0] in {"-h", "--help", "help"}:
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    flags = {word for word in given if word in _GLOBAL_OPTIONS}
+    words = [word for word in given if word not in flags]
+    if not given or words[:1] in (["-h"], ["--help"], ["help"]):
         return _print(_overview())
-    if words[0] in {"-V", "--version"}:
+    if words[:1] in (["-V"], ["--version"]):
         return _print(f"naris {naris.__version__}")
     from naris.cli.start import start  # what a verb needs is not needed for the overview
 
-    flags = {word for word in words if word in _GLOBAL_OPTIONS}
-    return start([word for word in words if word not in flags], flags, VERBS)
+    return start(words, flags, VERBS)
 
 
 def _overview() -> str:
