@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32
+from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from naris.anatomy.triangles import TriangleIndex
-from naris.core.anatomy import Between
+from naris.core.anatomy import Between, Entrance
 
 _COARSE_MM = 1.0
 _MARGIN_MM = 4.0
@@ -35,8 +36,6 @@ class Envelope:
 
     def __call__(self, points_mm: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
         """Depth in mm of points (..., 3), trilinear; beyond the grid as at its edge (negative)."""
-        from scipy.ndimage import map_coordinates
-
         index = (np.asarray(points_mm, dtype=np.float64) - self.origin_mm) / _COARSE_MM
         flat = map_coordinates(self.values_mm, index.reshape(-1, 3).T, order=1, mode="nearest")
         return flat.reshape(index.shape[:-1])
@@ -45,26 +44,35 @@ class Envelope:
 def envelope(triangles: TriangleIndex, low_mm: np.ndarray, high_mm: np.ndarray, air: Between) -> Envelope:
     """The envelope of a surface with bounds `low_mm`, `high_mm` (3,), in its own frame.
 
-    In front of the entrance, where only some of the walls are modelled, a larger ball and some extra room apply.
+    At the entrance, where only some of the walls are modelled, a larger ball and some extra room apply.
     """
+    first = np.floor(low_mm / _COARSE_MM)
+    nx, ny, nz = (int(n) + 1 for n in np.ceil(high_mm / _COARSE_MM) - first)
+    tissue = triangles.lattice(first * _COARSE_MM, _COARSE_MM, (nx, ny, nz)) > 0
     reach = max(air.ball_mm, air.entrance.ball_mm if air.entrance else 0.0) + _MARGIN_MM
-    first = np.floor((low_mm - reach) / _COARSE_MM)
-    count = np.ceil((high_mm + reach) / _COARSE_MM).astype(int) - first.astype(int) + 1
-    origin = first * _COARSE_MM
-    free_mm = -triangles.lattice(origin, _COARSE_MM, (int(count[0]), int(count[1]), int(count[2])))
+    pad = int(np.ceil(reach / _COARSE_MM))
+    free_mm = distance_transform_edt(~np.pad(tissue, pad), sampling=_COARSE_MM)
+    origin = (first - pad) * _COARSE_MM
     depth = _closing(free_mm, air.ball_mm)
     if air.entrance is not None:
-        door = air.entrance
-        along = origin[door.axis] + _COARSE_MM * np.arange(count[door.axis])
-        before = door.towards * (along - door.plane_mm)
-        before = before.reshape([-1 if axis == door.axis else 1 for axis in range(3)])
-        depth = np.maximum(depth, np.minimum(_closing(free_mm, door.ball_mm) + door.room_mm, before))
-    return Envelope(depth.astype(np.float32), origin)
+        before = _inside_box(origin, depth.shape, air.entrance)
+        depth = np.maximum(depth, np.minimum(_closing(free_mm, air.entrance.ball_mm) + air.entrance.room_mm, before))
+    # Half a node off, lest the rounding of the grid leave a skin of air around the outside.
+    return Envelope((depth - _COARSE_MM / 2).astype(np.float32), origin)
 
 
-def _closing(free_mm: Float32[np.ndarray, "nx ny nz"], ball_mm: float) -> Float[np.ndarray, "nx ny nz"]:
+def _closing(free_mm: Float[np.ndarray, "nx ny nz"], ball_mm: float) -> Float[np.ndarray, "nx ny nz"]:
     """Distance to the space that a ball of this radius can sweep without touching tissue; negative inside it."""
-    from scipy.ndimage import distance_transform_edt
+    return distance_transform_edt(free_mm < ball_mm, sampling=_COARSE_MM) - ball_mm
 
-    centres = free_mm >= ball_mm
-    return distance_transform_edt(~centres, sampling=_COARSE_MM) - ball_mm
+
+def _inside_box(
+    origin_mm: Float[np.ndarray, "3"], shape: tuple[int, ...], box: Entrance
+) -> Float[np.ndarray, "nx ny nz"]:
+    """How far inside the box each node lies (mm; negative outside)."""
+    depth = np.full(shape, np.inf)
+    for axis in range(3):
+        along = origin_mm[axis] + _COARSE_MM * np.arange(shape[axis])
+        inside = np.minimum(along - box.low_mm[axis], box.high_mm[axis] - along)
+        depth = np.minimum(depth, inside.reshape([-1 if k == axis else 1 for k in range(3)]))
+    return depth

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
-from numba import njit
 
+from naris.anatomy.airspace import Envelope, envelope
+from naris.anatomy.kernels import interpolate
 from naris.anatomy.triangles import Closest, TriangleIndex, index_triangles
-from naris.core.anatomy import Anatomy
+from naris.core.anatomy import Anatomy, Between
 from naris.errors import InputError
 
 SPACING_MM = 0.5
@@ -36,6 +37,8 @@ class SignedDistance:
         spacing_mm: between nodes.
         frame: the frame of the anatomy.
         triangles: the surface, ready for exact queries.
+        envelope: where the air lies between walls that the surface encloses, how far it goes; None where the surface
+            encloses the air.
     """
 
     values_mm: Float32[np.ndarray, "nx ny nz"]
@@ -43,6 +46,7 @@ class SignedDistance:
     spacing_mm: float
     frame: str
     triangles: TriangleIndex
+    envelope: Envelope | None = None
 
     def __call__(self, points_mm: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
         """Signed distance of points (..., 3) in mm, interpolated; NaN for NaN.
@@ -52,7 +56,7 @@ class SignedDistance:
         points = np.asarray(points_mm, dtype=np.float64)
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         out = np.empty(len(flat))
-        _interpolate(flat, self.values_mm, self.origin_mm, self.spacing_mm, out)
+        interpolate(flat, self.values_mm, self.origin_mm, self.spacing_mm, out)
         return out.reshape(points.shape[:-1])
 
     def gradient(self, points_mm: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
@@ -65,17 +69,27 @@ class SignedDistance:
         return (self(points[..., None, :] + step) - self(points[..., None, :] - step)) / self.spacing_mm
 
     def exact(self, points_mm: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
-        """Signed distance of points (..., 3) in mm by the nearest point of the surface (double precision)."""
+        """Signed distance of points (..., 3) in mm by the nearest point of the surface (double precision).
+
+        Between walls the end of the air counts as a wall; it is known to a fraction of a mm only.
+        """
         distance = self.triangles.closest(points_mm).distance_mm
-        return np.where(self.inside(points_mm), distance, -distance)
+        wound = self.triangles.winding(points_mm) >= 1
+        if self.envelope is None:
+            return np.where(wound, distance, -distance)
+        return np.minimum(np.where(wound, -distance, distance), self.envelope(points_mm))
 
     def closest(self, points_mm: Float[np.ndarray, "*n 3"]) -> Closest:
         """The nearest point of the wall, its distance (unsigned) and its face."""
         return self.triangles.closest(points_mm)
 
     def inside(self, points_mm: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Whether points (..., 3) in mm lie in the lumen: the surface winds around them at least once."""
-        return self.triangles.winding(points_mm) >= 1
+        """Whether points (..., 3) in mm lie in the lumen.
+
+        Either the surface winds around them at least once; or, between walls, it does not and the air reaches there.
+        """
+        wound = self.triangles.winding(points_mm) >= 1
+        return wound if self.envelope is None else ~wound & (self.envelope(points_mm) > 0)
 
     @property
     def nodes_mm(self) -> tuple[Float[np.ndarray, "nx"], Float[np.ndarray, "ny"], Float[np.ndarray, "nz"]]:
@@ -118,25 +132,11 @@ def _compute(anatomy: Anatomy, spacing_mm: float) -> SignedDistance:
     triangles = index_triangles(anatomy.vertices_mm, anatomy.faces)
     origin = first * spacing_mm
     values = triangles.lattice(origin, spacing_mm, shape)
+    end = None
+    if isinstance(anatomy.airspace, Between):
+        end = envelope(triangles, low, high, anatomy.airspace)
+        axes = (origin[k] + spacing_mm * np.arange(shape[k]) for k in range(3))
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        values = np.minimum(-values, end(nodes)).astype(np.float32)
     values.setflags(write=False)
-    return SignedDistance(values, origin, spacing_mm, anatomy.frame, triangles)
-
-
-@njit(cache=True, nogil=True)
-def _interpolate(points, values, origin, spacing, out):  # type: ignore[no-untyped-def]
-    nx, ny, nz = values.shape
-    for n in range(len(points)):
-        u, v, w = (points[n] - origin) / spacing
-        if not (np.isfinite(u) and np.isfinite(v) and np.isfinite(w)):
-            out[n] = np.nan
-            continue
-        cu, cv, cw = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0), min(max(w, 0.0), nz - 1.0)
-        beyond = np.sqrt((u - cu) ** 2 + (v - cv) ** 2 + (w - cw) ** 2) * spacing
-        i, j, k = min(int(cu), nx - 2), min(int(cv), ny - 2), min(int(cw), nz - 2)
-        a, b, c = cu - i, cv - j, cw - k
-        low = (1 - c) * values[i, j, k] + c * values[i, j, k + 1]
-        up = (1 - c) * values[i, j + 1, k] + c * values[i, j + 1, k + 1]
-        near = (1 - b) * low + b * up
-        low = (1 - c) * values[i + 1, j, k] + c * values[i + 1, j, k + 1]
-        up = (1 - c) * values[i + 1, j + 1, k] + c * values[i + 1, j + 1, k + 1]
-        out[n] = (1 - a) * near + a * ((1 - b) * low + b * up) - beyond
+    return SignedDistance(values, origin, spacing_mm, anatomy.frame, triangles, end)

@@ -23,9 +23,14 @@ class RegionSet(Protocol):
     Implementations: `SlabRegions`, `GridRegions`. Labels are 0 … len(names) − 1, or `NOWHERE`.
     """
 
-    name: str
-    names: tuple[str, ...]
-    frame: str
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def frame(self) -> str: ...
 
     @property
     def neighbours(self) -> Bool[np.ndarray, "k k"]:
@@ -127,19 +132,16 @@ class Enclosed:
 
 @dataclass(frozen=True)
 class Entrance:
-    """Where the camera comes in, if the walls in front of it are not all modelled.
+    """A box around the place where the camera comes in, for a surface that lacks some of the walls there.
 
     Attributes:
-        axis: of the frame, 0–2.
-        towards: −1 if the outside lies at lower coordinates of that axis, else +1.
-        plane_mm: the entrance is beyond this coordinate.
-        ball_mm: radius of the ball that ends the air there.
-        room_mm: how far the camera may stand in front of what that ball leaves.
+        low_mm, high_mm: corners of the box in the frame of the anatomy.
+        ball_mm: radius of the ball that ends the air in the box.
+        room_mm: how far the camera may stand beyond that.
     """
 
-    axis: int
-    towards: Literal[-1, 1]
-    plane_mm: float
+    low_mm: tuple[float, float, float]
+    high_mm: tuple[float, float, float]
     ball_mm: float = 40.0
     room_mm: float = 4.0
 
