@@ -43,7 +43,7 @@ def resample(points_mm: Float[np.ndarray, "m 3"], step_mm: float) -> Float[np.nd
     steps = np.linalg.norm(np.diff(points_mm, axis=0), axis=1)
     kept = np.append(True, steps > 0)
     along, points = np.append(0.0, np.cumsum(steps))[kept], points_mm[kept]
-    wanted = np.linspace(0.0, along[-1], max(int(round(along[-1] / step_mm)), 1) + 1)
+    wanted = np.linspace(0.0, along[-1], max(round(float(along[-1]) / step_mm), 1) + 1)
     return np.stack([np.interp(wanted, along, points[:, k]) for k in range(3)], axis=1)
 
 

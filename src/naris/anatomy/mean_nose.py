@@ -1,6 +1,6 @@
 """What is known about the mean nose of Sinha et al. 2018: how to recognise it, and its named passages.
 
-The published file is `PLY/ASR.ply` of github.com/AyushiSinha/AutoInitialization (MIT). It has a frame of its own, `mean`:
+The published file is `PLY/ASR.ply` of github.com/AyushiSinha/AutoInitialization (MIT). Its frame is its own, `mean`:
 millimetres, x to the left, y from the nostril (−42) back to the nasopharynx (+34), z up; one side of the nose.
 """
 

@@ -60,10 +60,7 @@ def find_passages(
     """
     distance = distance or signed_distance(anatomy)
     graph = lumen_graph(distance)
-    if routes is not None:
-        ways = _ways_of_routes(graph, routes)
-    else:
-        ways = _ways_found(graph, anatomy.landmarks_mm)
+    ways = _ways_found(graph, anatomy.landmarks_mm) if routes is None else _ways_of_routes(graph, routes)
     return tuple(Passage(name, *centreline(graph.points_mm[way], distance)) for name, way in ways.items())
 
 
