@@ -1,0 +1,106 @@
+"""What is exported, what imports what, and that the files that set everything up agree with each other."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import metadata
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from tests.conftest import REPOSITORY
+
+import naris
+
+EXPORTED: tuple[str, ...] = ()
+"""What `import naris` gives, besides the version. Whoever adds a name here promises to keep it."""
+
+PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+PINS = {
+    canonicalize_name(name): version
+    for name, _, version in (
+        line.partition("==")
+        for line in (REPOSITORY / "constraints.txt").read_text().splitlines()
+        if not line.startswith("#")
+    )
+}
+
+
+def requirements() -> list[Requirement]:
+    extras = [line for lines in PROJECT["optional-dependencies"].values() for line in lines]
+    return [Requirement(line) for line in [*PROJECT["dependencies"], *extras]]
+
+
+def test_the_import_contracts_hold() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command; lint_imports_command()"],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    program = "import sys, naris, naris.errors; print(' '.join(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not {name.partition(".")[0] for name in done.stdout.split()} & {"numpy", "torch", "numba", "matplotlib"}
+
+
+def test_the_public_face() -> None:
+    program = "import naris; print(' '.join(sorted(name for name in dir(naris) if not name.startswith('_'))))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert tuple(done.stdout.split()) == EXPORTED
+    assert re.fullmatch(r"\d+\.\d+\.\d+", naris.__version__)
+    assert metadata.version("naris") == naris.__version__
+
+
+@pytest.mark.parametrize("requirement", requirements(), ids=lambda requirement: requirement.name)
+def test_every_dependency_is_pinned_within_its_range(requirement: Requirement) -> None:
+    if requirement.name == "naris":
+        return
+    assert PINS[canonicalize_name(requirement.name)] in requirement.specifier
+
+
+def test_pins_are_exact_versions_from_nowhere_in_particular() -> None:
+    for name, version in PINS.items():
+        assert re.fullmatch(r"[0-9][0-9a-z.]*", version), f"{name}=={version}"
+
+
+def test_the_promised_pythons_agree() -> None:
+    assert PROJECT["requires-python"] == ">=3.11,<3.14"
+    assert "(3, 11) <= sys.version_info[:2] < (3, 14)" in (REPOSITORY / "Makefile").read_text()
+    classified = {entry.rsplit(" ", 1)[1] for entry in PROJECT["classifiers"] if ":: 3." in entry}
+    assert classified == {"3.11", "3.12", "3.13"}
+
+
+def test_no_dependency_is_copyleft() -> None:
+    """Of everything that naris needs to run, as its metadata tell."""
+    wanted, seen = [Requirement(line) for line in PROJECT["dependencies"]], set()
+    while wanted:
+        requirement = wanted.pop()
+        name = canonicalize_name(requirement.name)
+        if name in seen or (requirement.marker and not requirement.marker.evaluate({"extra": ""})):
+            continue
+        seen.add(name)
+        told = metadata.metadata(name)
+        licence = f"{told.get('License-Expression')} {' '.join(told.get_all('Classifier') or [])}"
+        licence += f" {(told.get('License') or '').splitlines()[:1]}"
+        assert not re.search(r"\bA?GPL|GNU (Affero )?General Public", licence), f"{name}: {licence}"
+        wanted += [Requirement(line) for line in metadata.requires(name) or []]
+    assert len(seen) > 20
+
+
+def test_the_files_of_the_project_name_no_machine_and_no_registry() -> None:
+    listed = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    registry = re.compile("index" + r"-url|find" + r"-links|pypi\.(org|python)|files\.python" + "hosted", re.IGNORECASE)
+    for name in listed.stdout.split():
+        path = REPOSITORY / name
+        if path.suffix in {".py", ".toml", ".txt", ".md", ".cfg", ".sh"} or path.name in {"Makefile", "run"}:
+            assert not registry.search(path.read_text(errors="replace")), name
