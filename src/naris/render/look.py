@@ -31,7 +31,7 @@ _SCALARS = (
     "ambient_g ambient_b spot_ambient_r spot_ambient_g spot_ambient_b bounce constant linear quadratic "
     "wrap_r wrap_g wrap_b light_x light_y light_z vignette mask_radius mask_softness mask_x mask_y gain "
     "auto quantile target gain_low gain_high balance_r balance_g balance_b tap0 tap1 tap2 read_noise "
-    "shot_noise "
+    "shot_noise cutoff_deg edge_deg exponent "
 )
 LOOK = np.dtype(
     [("kind", "i4"), ("cull", "i4"), ("bank", "i4"), ("colours", "i4")] + [(n, "f4") for n in _SCALARS.split()]
@@ -125,7 +125,8 @@ def _pack_instrument(row: np.void, appearance: Appearance) -> None:
     for name in ("ambient", "spot_ambient", "wrap"):
         _put(row, name, getattr(light, name))
     _put(row, "light", light.diffuse)
-    row["bounce"] = light.bounce
+    for name in ("bounce", "cutoff_deg", "edge_deg", "exponent"):
+        row[name] = getattr(light, name)
     row["constant"], row["linear"], row["quadratic"] = light.attenuation
     row["light_x"], row["light_y"], row["light_z"] = light.offset_mm
     row["vignette"] = optics.vignette
