@@ -1,0 +1,111 @@
+"""How a data set lies on the disk: names of files, what `dataset.json` and a row of `samples.jsonl` hold.
+
+dataset.json        schema, version, seed, anatomy, region set, intrinsics, views, appearance; no times, no paths
+samples.jsonl       one row a sample; written last, so a folder without it is unfinished
+images/000000.png   RGB, 8 bits
+depth/000000.png    z-depth, 16 bits: value × scale = mm, 0 where invalid
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float32, UInt16
+
+from naris.core.anatomy import RegionSet
+from naris.core.camera import Brown, Fisheye, Intrinsics, Lens, Pinhole
+from naris.errors import DatasetError
+
+SCHEMA = "naris.dataset/1"
+ABOUT = "dataset.json"
+SAMPLES = "samples.jsonl"
+IMAGES = "images"
+DEPTHS = "depth"
+DEPTH_SCALE_MM = 0.005
+"""One step of a depth picture; the deepest that fits is 327 mm."""
+
+_LENSES: dict[str, type[Pinhole] | type[Brown] | type[Fisheye]] = {
+    "pinhole": Pinhole,
+    "brown": Brown,
+    "fisheye": Fisheye,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class RegionLabels:
+    """What a data set keeps of a region set: enough to train and to judge, not to label new points.
+
+    Attributes:
+        name: of the region set.
+        names: of its K regions, in the order of the labels.
+        neighbours: (K, K) which regions touch.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    neighbours: Bool[np.ndarray, "k k"]
+
+    @staticmethod
+    def of(regions: RegionSet) -> RegionLabels:
+        return RegionLabels(regions.name, tuple(regions.names), regions.neighbours)
+
+    def to_json(self) -> dict[str, Any]:
+        return {"name": self.name, "names": list(self.names), "neighbours": self.neighbours.astype(int).tolist()}
+
+    @staticmethod
+    def from_json(content: dict[str, Any]) -> RegionLabels:
+        """Raises KeyError, TypeError or ValueError where the content is not what `to_json` makes."""
+        names, neighbours = tuple(content["names"]), np.array(content["neighbours"], dtype=bool)
+        if neighbours.shape != (len(names), len(names)):
+            raise ValueError(f"neighbours of shape {neighbours.shape} for {len(names)} regions")
+        return RegionLabels(content["name"], names, neighbours)
+
+
+def intrinsics_to_json(intrinsics: Intrinsics) -> dict[str, Any]:
+    """Sizes, focal lengths and principal point in pixels, and the lens with its coefficients."""
+    return asdict(intrinsics)
+
+
+def intrinsics_from_json(content: dict[str, Any]) -> Intrinsics:
+    """The reverse of `intrinsics_to_json`.
+
+    Raises:
+        DatasetError: if something is missing or the lens is unknown.
+        InputError: if the numbers make no camera.
+    """
+    try:
+        fields = dict(content)
+        lens = dict(fields.pop("lens"))
+        made: Lens = _LENSES[lens["kind"]](**lens)
+        return Intrinsics(**fields, lens=made)
+    except (KeyError, TypeError, ValueError) as error:
+        raise DatasetError("intrinsics with a lens of a known kind", f"{content}", "make the data set anew") from error
+
+
+def image_name(index: int) -> str:
+    """Of a sample's picture, relative to the folder."""
+    return f"{IMAGES}/{index:06d}.png"
+
+
+def depth_name(index: int) -> str:
+    """Of a sample's depth picture, relative to the folder."""
+    return f"{DEPTHS}/{index:06d}.png"
+
+
+def depth_to_steps(depth_mm: Float32[np.ndarray, "*n"], scale_mm: float = DEPTH_SCALE_MM) -> UInt16[np.ndarray, "*n"]:
+    """Depth in whole steps, 0 where invalid.
+
+    Raises:
+        DatasetError: if a depth does not fit into 16 bits.
+    """
+    steps = np.rint(depth_mm * np.float32(1 / scale_mm))
+    if steps.max(initial=0) > np.iinfo(np.uint16).max:
+        raise DatasetError(
+            f"depths below {scale_mm * np.iinfo(np.uint16).max:.0f} mm",
+            f"{depth_mm.max():.0f} mm",
+            "check the unit of the surface, or leave depth out",
+        )
+    # A wall nearer than half a step is still a wall.
+    return np.where((depth_mm > 0) & (steps == 0), 1, steps).astype(np.uint16)

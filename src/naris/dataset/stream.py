@@ -1,0 +1,185 @@
+"""Views drawn and rendered anew for every batch: a data set without end, and without files.
+
+Batch `index` depends on the stream's seed and on `index` alone, so a training that goes on after an interruption sees
+the batches that it would have seen. Pictures are never mirrored: left and right nostrils mirror each other, and a
+flipped picture would show the other side under the wrong name.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from naris.anatomy.distance import signed_distance
+from naris.core.anatomy import Anatomy, RegionSet
+from naris.core.camera import Intrinsics
+from naris.core.pose import Pose
+from naris.errors import InputError
+from naris.render.appearance import Appearance, AppearanceDistribution
+from naris.render.scene import Scene, render
+from naris.render.viewpoints import ViewBank, ViewDistribution, draw_views, passages_of, view_bank
+
+
+@dataclass(frozen=True)
+class Scopes:
+    """Which cameras a stream looks through.
+
+    Each batch is cut into groups of `group` views; each group has its own field of view and its own optical axis.
+
+    Attributes:
+        vertical_fov_deg: between these two, uniform in the focal length; None keeps that of the stream's intrinsics.
+        shift: the principal point is off by up to this share of width and height (a crop that is off centre).
+        group: views that share a camera.
+    """
+
+    vertical_fov_deg: tuple[float, float] | None = None
+    shift: float = 0.0
+    group: int = 8
+
+    def __post_init__(self) -> None:
+        low, high = self.vertical_fov_deg or (45.0, 45.0)
+        if not (0 < low <= high < 180 and 0 <= self.shift < 0.5 and self.group >= 1):
+            raise InputError(
+                "fields of view of 0–180°, a shift of 0–0.5 and groups of 1 or more", f"{self}", "correct them"
+            )
+
+    def draw(self, intrinsics: Intrinsics, rng: np.random.Generator) -> Intrinsics:
+        """The camera of one group."""
+        if self.vertical_fov_deg is not None:
+            ends = [
+                Intrinsics.from_vertical_fov(intrinsics.width, intrinsics.height, fov, intrinsics.lens).fy
+                for fov in self.vertical_fov_deg
+            ]
+            focal = float(rng.uniform(min(ends), max(ends)))
+            intrinsics = replace(intrinsics, fx=focal * intrinsics.fx / intrinsics.fy, fy=focal)
+        off = self.shift * rng.uniform(-1, 1, 2)
+        return replace(
+            intrinsics,
+            cx=intrinsics.cx + float(off[0]) * intrinsics.width,
+            cy=intrinsics.cy + float(off[1]) * intrinsics.height,
+        )
+
+
+ONE_SCOPE = Scopes()
+"""Every view through the stream's own intrinsics."""
+
+MANY_SCOPES = Scopes(vertical_fov_deg=(38.0, 75.0), shift=0.06)
+"""Fields of view of common scopes after cropping, the axis a little off: for a model that shall read other scopes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """B views.
+
+    Attributes:
+        images: (B, H, W, 3) uint8, RGB.
+        region: (B,) label.
+        anatomy_T_camera: (B,) poses.
+        vertical_fov_deg: (B,) of each view's camera.
+    """
+
+    images: UInt8[np.ndarray, "b h w 3"]
+    region: Int[np.ndarray, "b"]
+    anatomy_T_camera: Pose
+    vertical_fov_deg: Float[np.ndarray, "b"]
+
+    def __len__(self) -> int:
+        return len(self.region)
+
+
+@dataclass(frozen=True, eq=False)
+class ViewStream:
+    """Batches of views by number; make one with `view_stream`.
+
+    Attributes:
+        scene: the anatomy that is seen.
+        bank: the places and the distribution that views come from, and the region set that labels them.
+        appearance: of every view, or what to draw each view's from.
+        intrinsics: of every view, but for `scopes`.
+        seed: of everything.
+        scopes: which cameras.
+        threads: for rendering; one a core when None. They change no bit.
+    """
+
+    scene: Scene
+    bank: ViewBank
+    appearance: Appearance | AppearanceDistribution
+    intrinsics: Intrinsics
+    seed: int
+    scopes: Scopes = ONE_SCOPE
+    threads: int | None = None
+
+    @property
+    def regions(self) -> RegionSet:
+        return self.bank.regions
+
+    @property
+    def anatomy(self) -> Anatomy:
+        return self.scene.anatomy
+
+    def batch(self, index: int, size: int) -> Batch:
+        """Batch number `index` of `size` views; the same bits for the same seed, index and size.
+
+        Raises:
+            RegionError: if a region has no view that the distribution allows.
+        """
+        rng = np.random.default_rng([self.seed, index])
+        views = draw_views(self.scene, self.bank, size, rng)
+        looks = [self._look(rng) for _ in range(size)]
+        seeds = rng.integers(2**31, size=size)
+        images = np.empty((size, self.intrinsics.height, self.intrinsics.width, 3), dtype=np.uint8)
+        fov_deg = np.empty(size)
+        group = size if self.scopes == ONE_SCOPE else self.scopes.group
+        for start in range(0, size, group):
+            part = slice(start, min(start + group, size))
+            camera = self.scopes.draw(self.intrinsics, rng)
+            poses = views.anatomy_T_camera[part]
+            rendering = render(
+                self.scene, poses, camera, looks[part], want=("rgb",), seeds=seeds[part], threads=self.threads
+            )
+            images[part] = cast(np.ndarray, rendering.rgb)
+            fov_deg[part] = camera.vertical_fov_deg
+        return Batch(images, views.region, views.anatomy_T_camera, fov_deg)
+
+    def batches(self, indices: Iterable[int], size: int, ahead: int = 2) -> Iterator[Batch]:
+        """The batches of those numbers in order, the next `ahead` of them made on a thread meanwhile."""
+        numbers = iter(indices)
+        coming: deque[Future[Batch]] = deque()
+        with ThreadPoolExecutor(1, thread_name_prefix="views") as pool:
+            try:
+                while True:
+                    while len(coming) < ahead + 1 and (number := next(numbers, None)) is not None:
+                        coming.append(pool.submit(self.batch, number, size))
+                    if not coming:
+                        return
+                    yield coming.popleft().result()
+            finally:
+                pool.shutdown(wait=True, cancel_futures=True)
+
+    def _look(self, rng: np.random.Generator) -> Appearance:
+        return self.appearance.sample(rng) if isinstance(self.appearance, AppearanceDistribution) else self.appearance
+
+
+def view_stream(
+    scene: Scene,
+    regions: RegionSet,
+    views: ViewDistribution,
+    appearance: Appearance | AppearanceDistribution,
+    intrinsics: Intrinsics,
+    seed: int,
+    scopes: Scopes = ONE_SCOPE,
+) -> ViewStream:
+    """A stream over an anatomy; finds its passages and the places with room first (a few seconds).
+
+    Raises:
+        RegionError: if a region has no room for a camera.
+    """
+    distance = signed_distance(scene.anatomy)
+    bank = view_bank(distance, passages_of(scene.anatomy, distance), regions, views)
+    return ViewStream(scene, bank, appearance, intrinsics, seed, scopes)

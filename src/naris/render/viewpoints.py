@@ -1,0 +1,370 @@
+"""Where cameras stand and what they look at: viewpoints, the distributions that they are drawn from, and their checks.
+
+What the camera looks at matters more to a localizer than its network, so a view distribution is a named set of numbers
+that every data set, checkpoint and report repeats. `INSPECTION` is an endoscopist's view: along the passage, with some
+depth ahead. `ANYWHERE` is the hardest: any place with room, many views of a bare wall.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from naris.anatomy.distance import SignedDistance
+from naris.anatomy.passages import find_passages
+from naris.core.anatomy import NOWHERE, Anatomy, Passage, RegionSet
+from naris.core.camera import Intrinsics
+from naris.core.pose import Pose
+from naris.errors import InputError, PoseError, RegionError
+from naris.render.appearance import Appearance
+from naris.render.scene import Scene, render
+
+POSTERIOR = (0.0, 1.0, 0.0)
+UP = (0.0, 0.0, 1.0)
+
+FREE = -1
+"""The trajectory and position of a view that belongs to none."""
+
+_PROBE = Intrinsics.from_vertical_fov(8, 8, 45.0)
+_ANY_LOOK = Appearance()
+_ROUNDS = 200
+_FEWEST_PLACES = 40
+_TANGENT_SD_MM = 4.0
+_SIGHT_SAMPLES = 12
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoints:
+    """Camera poses with what a data set says of them.
+
+    Attributes:
+        anatomy_T_camera: (N,).
+        region: (N,) the region that the camera stands in.
+        trajectory: (N,) number of the trajectory, `FREE` for none.
+        position: (N,) number of the position (the views of one position share it), `FREE` for none.
+    """
+
+    anatomy_T_camera: Pose
+    region: Int[np.ndarray, "n"]
+    trajectory: Int[np.ndarray, "n"]
+    position: Int[np.ndarray, "n"]
+
+    @staticmethod
+    def free(anatomy_T_camera: Pose, region: Int[np.ndarray, "n"]) -> Viewpoints:
+        """Views that belong to no trajectory."""
+        none = np.full(len(region), FREE)
+        return Viewpoints(anatomy_T_camera, region, none, none)
+
+    def __len__(self) -> int:
+        return len(self.region)
+
+    def __getitem__(self, index: Int[np.ndarray, "m"] | Bool[np.ndarray, "n"] | slice) -> Viewpoints:
+        return Viewpoints(
+            self.anatomy_T_camera[index], self.region[index], self.trajectory[index], self.position[index]
+        )
+
+
+def joined(parts: Sequence[Viewpoints]) -> Viewpoints:
+    """Viewpoints of one frame in a row."""
+    if len({(part.anatomy_T_camera.target, part.anatomy_T_camera.source) for part in parts}) != 1:
+        raise PoseError("viewpoints in one frame", "several frames, or none", "join them apart")
+    matrix = np.concatenate([part.anatomy_T_camera.matrix for part in parts])
+    pose = parts[0].anatomy_T_camera
+    return Viewpoints(
+        Pose(matrix, pose.target, pose.source),
+        np.concatenate([part.region for part in parts]),
+        np.concatenate([part.trajectory for part in parts]),
+        np.concatenate([part.position for part in parts]),
+    )
+
+
+@dataclass(frozen=True)
+class ViewDistribution:
+    """From which views are drawn.
+
+    Attributes:
+        name: to repeat in reports.
+        clearance_mm: least distance to the wall. A region that has no such place gives its widest places.
+        tilt_sd_deg: the viewing direction is the passage's, tilted by a normal angle of this size about each of two
+            axes across; None tilts uniformly in solid angle.
+        tilt_max_deg: larger tilts are drawn again.
+        roll_sd_deg: the camera is then rolled by a normal angle of this size, from upright (`upright`).
+        median_depth_mm: views whose median z-depth over a square picture of 45° is less are drawn again.
+        balanced: draw each region equally often; else each place in the lumen.
+    """
+
+    name: str
+    clearance_mm: float
+    tilt_sd_deg: float | None
+    tilt_max_deg: float
+    roll_sd_deg: float
+    median_depth_mm: float
+    balanced: bool
+
+    def __post_init__(self) -> None:
+        sizes = (self.clearance_mm, self.tilt_sd_deg or 0.0, self.roll_sd_deg, self.median_depth_mm)
+        if min(sizes) < 0 or not 0 < self.tilt_max_deg <= 180:
+            raise InputError("angles and distances from 0 up, and a largest tilt of 0–180°", f"{self}", "correct them")
+
+
+INSPECTION = ViewDistribution(
+    "inspection",
+    clearance_mm=1.0,
+    tilt_sd_deg=10.0,
+    tilt_max_deg=35.0,
+    roll_sd_deg=12.0,
+    median_depth_mm=3.0,
+    balanced=True,
+)
+"""Along the passage: two thirds of the views within 15° of it, rolled by 12°, a median of 3 mm or more ahead."""
+
+ANYWHERE = ViewDistribution(
+    "anywhere",
+    clearance_mm=1.2,
+    tilt_sd_deg=None,
+    tilt_max_deg=25.0,
+    roll_sd_deg=25.0,
+    median_depth_mm=0.0,
+    balanced=False,
+)
+"""Any place with 1.2 mm of room, up to 25° off the passage, whatever is ahead: the hardest."""
+
+VIEW_DISTRIBUTIONS = {distribution.name: distribution for distribution in (INSPECTION, ANYWHERE)}
+
+
+@dataclass(frozen=True, eq=False)
+class ViewBank:
+    """The places of a lumen that a distribution draws from, sorted by region; made once by `view_bank`.
+
+    Attributes:
+        places_mm: (M, 3) nodes of the distance grid with enough clearance.
+        tangents: (M, 3) unit direction of the nearest passage in sight of each place, from outside to inside.
+        region: (M,) rising.
+        starts: (K + 1,) the places of region k are starts[k] … starts[k + 1] − 1.
+        room_mm: (K,) the clearance that the places of each region have at least.
+        distance, regions, distribution: what it was made of.
+    """
+
+    places_mm: Float[np.ndarray, "m 3"]
+    tangents: Float[np.ndarray, "m 3"]
+    region: Int[np.ndarray, "m"]
+    starts: Int[np.ndarray, "k1"]
+    room_mm: Float[np.ndarray, "k"]
+    distance: SignedDistance
+    regions: RegionSet
+    distribution: ViewDistribution
+
+
+def view_bank(
+    distance: SignedDistance, passages: Sequence[Passage], regions: RegionSet, distribution: ViewDistribution
+) -> ViewBank:
+    """Find the places that a distribution can draw from (about a second).
+
+    Raises:
+        RegionError: if there is no passage, regions and distances are in different frames, or a region has no place.
+    """
+    if not passages or regions.frame != distance.frame:
+        raise RegionError(
+            f"passages, and regions in the frame {distance.frame!r}",
+            f"{len(passages)} passages and {regions.frame!r}",
+            "find the passages of the anatomy first, and give a region set of the same anatomy",
+        )
+    inside = np.argwhere(distance.values_mm > min(0.3, distribution.clearance_mm))
+    places = distance.origin_mm + distance.spacing_mm * inside
+    clearance = distance.values_mm[tuple(inside.T)].astype(np.float64)
+    region = regions.label(places).astype(np.int64)
+    room = _room(region, clearance, regions, distribution.clearance_mm)
+    keep = np.flatnonzero((region != NOWHERE) & (clearance >= room[region]))
+    keep = keep[np.argsort(region[keep], kind="stable")]
+    places, region = places[keep], region[keep]
+    starts = np.searchsorted(region, np.arange(len(regions.names) + 1))
+    tangents = passage_directions(places, distance, passages)
+    return ViewBank(places, tangents, region, starts, room, distance, regions, distribution)
+
+
+def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator) -> Viewpoints:
+    """Draw `n` views, in random order; with a balanced distribution each region comes ⌊n/K⌋ or ⌈n/K⌉ times.
+
+    Raises:
+        RegionError: if a region has no view of the asked depth.
+    """
+    wanted = _regions_wanted(bank, n, rng)
+    matrix = np.empty((n, 4, 4))
+    still = np.arange(n)
+    for _ in range(_ROUNDS):
+        if not len(still):
+            break
+        tried = np.repeat(still, 2)
+        poses = _draw(bank, wanted[tried], rng)
+        good = np.flatnonzero(_sees_far_enough(scene, poses, bank.distribution.median_depth_mm))
+        matrix[tried[good]] = poses.matrix[good]
+        still = np.setdiff1d(still, tried[good], assume_unique=False)
+    if len(still):
+        names = sorted({bank.regions.names[k] if k >= 0 else "the lumen" for k in wanted[still].tolist()})
+        raise RegionError(
+            f"views with a median depth of {bank.distribution.median_depth_mm} mm or more in {', '.join(names)}",
+            f"none in {2 * _ROUNDS} tries",
+            "lower the depth or merge the region with a neighbour",
+        )
+    anatomy_T_camera = Pose(matrix, bank.regions.frame, "camera")
+    return Viewpoints.free(anatomy_T_camera, bank.regions.label(anatomy_T_camera.position_mm).astype(np.int64))
+
+
+def check_in_lumen(distance: SignedDistance, anatomy_T_camera: Pose, clearance_mm: float = 0.0) -> None:
+    """See that cameras (N,) stand inside the lumen, with some clearance if asked.
+
+    Raises:
+        PoseError: if one does not; the message names the first.
+    """
+    if anatomy_T_camera.target != distance.frame:
+        raise PoseError(f"poses in the frame {distance.frame!r}", f"{anatomy_T_camera.target!r}", "transform them")
+    clearance = distance(anatomy_T_camera.position_mm)
+    outside = np.flatnonzero(clearance <= clearance_mm)
+    if len(outside):
+        first = int(outside[0])
+        place = ", ".join(f"{x:.1f}" for x in anatomy_T_camera.position_mm[first])
+        where = f"{-clearance[first]:.1f} mm outside" if clearance[first] <= 0 else f"{clearance[first]:.1f} mm off"
+        raise PoseError(
+            f"cameras inside the lumen{f', {clearance_mm} mm from its wall or more' if clearance_mm else ''}",
+            f"{len(outside)} of {len(clearance)} that are not, the first (number {first}) at ({place}) mm, {where}",
+            "check the frame and the unit of the poses",
+        )
+
+
+def upright(forward: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+    """What is up for a camera that looked straight back (+y) with +z up and was turned the shortest way.
+
+    Unlike a fixed +z it has no pole at the views up and down, where a vestibule starts; it has one looking out (−y).
+    Near the horizontal they agree to second order.
+    """
+    forward = np.asarray(forward, dtype=np.float64)
+    back, up = np.array(POSTERIOR), np.array(UP)
+    along, lift = forward @ back, forward @ up
+    # Rodrigues' rotation that takes `back` to `forward`, applied to `up`, which is orthogonal to `back`.
+    return up - (lift / np.maximum(1 + along, 1e-9))[..., None] * (forward + back)
+
+
+def passage_directions(
+    places_mm: Float[np.ndarray, "m 3"], distance: SignedDistance, passages: Sequence[Passage]
+) -> Float[np.ndarray, "m 3"]:
+    """The direction, from outside to inside, of the nearest passage that each place can see.
+
+    In sight means that the straight line there stays inside the lumen; a place that sees none takes the nearest.
+    """
+    from scipy.spatial import cKDTree
+
+    nearest = [cKDTree(passage.points_mm).query(places_mm) for passage in passages]
+    order = np.argsort(np.stack([reach for reach, _ in nearest], axis=1), axis=1, kind="stable")
+    goals = np.stack([p.points_mm[index] for p, (_, index) in zip(passages, nearest, strict=True)], axis=1)
+    ways = np.stack([tangents(p)[index] for p, (_, index) in zip(passages, nearest, strict=True)], axis=1)
+    chosen = order[:, 0].copy()
+    blind = np.arange(len(places_mm))
+    for rank in range(len(passages)):
+        goal = goals[blind, order[blind, rank]]
+        seen = _in_sight(distance, places_mm[blind], goal)
+        chosen[blind[seen]] = order[blind[seen], rank]
+        blind = blind[~seen]
+    return ways[np.arange(len(places_mm)), chosen]
+
+
+def passages_of(anatomy: Anatomy, distance: SignedDistance) -> tuple[Passage, ...]:
+    """The passages that an anatomy comes with, or else those found in it (some seconds)."""
+    return anatomy.passages or find_passages(anatomy, distance)
+
+
+def tangents(passage: Passage) -> Float[np.ndarray, "n 3"]:
+    """The unit direction of a passage at each of its points, smoothed over about 4 mm.
+
+    Within a slit a minimal path wanders up and down; nobody points a scope along that.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    points = passage.points_mm
+    step_mm = max(passage.length_mm / max(len(points) - 1, 1), 1e-6)
+    smooth = gaussian_filter1d(points, _TANGENT_SD_MM / step_mm, axis=0, mode="nearest")
+    way = np.gradient(smooth, axis=0)
+    return way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
+
+
+def _in_sight(
+    distance: SignedDistance, start: Float[np.ndarray, "m 3"], goal: Float[np.ndarray, "m 3"]
+) -> Bool[np.ndarray, "m"]:
+    share = np.linspace(0, 1, _SIGHT_SAMPLES + 1)[1:, None, None]
+    return np.asarray((distance(start + share * (goal - start)) > 0).all(axis=0))
+
+
+def _room(
+    region: Int[np.ndarray, "m"], clearance: Float[np.ndarray, "m"], regions: RegionSet, asked_mm: float
+) -> Float[np.ndarray, "k"]:
+    """The clearance to ask in each region: what was asked, or what its widest places have."""
+    room = np.full(len(regions.names), asked_mm)
+    for k, name in enumerate(regions.names):
+        widest = np.sort(clearance[region == k])[::-1]
+        if not len(widest):
+            raise RegionError(
+                f"room for a camera in every region of {regions.name!r}", f"none in {name!r}", "merge it with another"
+            )
+        fewest = min(_FEWEST_PLACES, len(widest))
+        if widest[fewest - 1] < asked_mm:
+            room[k] = widest[fewest - 1]
+            _log.info("%s has no %.1f mm of room for a camera: its widest places have %.1f mm", name, asked_mm, room[k])
+    return room
+
+
+def _regions_wanted(bank: ViewBank, n: int, rng: np.random.Generator) -> Int[np.ndarray, "{n}"]:
+    """A region for each view, or −1 for any."""
+    if not bank.distribution.balanced:
+        return np.full(n, -1)
+    k = len(bank.regions.names)
+    rest = rng.permutation(k)[: n % k]
+    return rng.permutation(np.concatenate([np.repeat(np.arange(k), n // k), rest]))
+
+
+def _draw(bank: ViewBank, wanted: Int[np.ndarray, "n"], rng: np.random.Generator) -> Pose:
+    """A pose for each wanted region, not yet checked for depth."""
+    first = np.where(wanted < 0, 0, bank.starts[wanted])
+    last = np.where(wanted < 0, len(bank.region), bank.starts[wanted + 1])
+    place = first + (rng.random(len(wanted)) * (last - first)).astype(np.int64)
+    node = bank.places_mm[place]
+    near = node + bank.distance.spacing_mm * (rng.random((len(wanted), 3)) - 0.5)
+    fits = (bank.distance(near) >= bank.room_mm[bank.region[place]]) & (bank.regions.label(near) == bank.region[place])
+    position = np.where(fits[:, None], near, node)
+    forward = tilted(bank.tangents[place], _tilts_rad(bank.distribution, len(wanted), rng), rng)
+    roll_rad = np.deg2rad(bank.distribution.roll_sd_deg) * rng.standard_normal(len(wanted))
+    return Pose.look(position, forward, upright(forward), bank.regions.frame, roll_rad)
+
+
+def tilted(
+    directions: Float[np.ndarray, "n 3"], tilt_rad: Float[np.ndarray, "n"], rng: np.random.Generator
+) -> Float[np.ndarray, "n 3"]:
+    """Unit directions, each turned by its angle towards a random side."""
+    across = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    side = rng.uniform(0, 2 * np.pi, len(directions))[:, None]
+    sideways = np.cos(side) * across + np.sin(side) * np.cross(directions, across)
+    return np.cos(tilt_rad)[:, None] * directions + np.sin(tilt_rad)[:, None] * sideways
+
+
+def _tilts_rad(distribution: ViewDistribution, n: int, rng: np.random.Generator) -> Float[np.ndarray, "{n}"]:
+    share = rng.random(n)
+    most = np.deg2rad(distribution.tilt_max_deg)
+    if distribution.tilt_sd_deg is None:
+        return np.arccos(1 - share * (1 - np.cos(most)))
+    sd = max(np.deg2rad(distribution.tilt_sd_deg), 1e-9)
+    # The length of a two-dimensional normal vector (Rayleigh), cut at the largest tilt, by inversion.
+    return sd * np.sqrt(-2 * np.log1p(-share * -np.expm1(-0.5 * (most / sd) ** 2)))
+
+
+def _sees_far_enough(scene: Scene, poses: Pose, median_depth_mm: float) -> Bool[np.ndarray, "n"]:
+    if median_depth_mm <= 0:
+        return np.ones(len(poses), dtype=bool)
+    probe = render(scene, poses, _PROBE, _ANY_LOOK, want=("depth",), threads=1)
+    depth = cast(np.ndarray, probe.depth_mm).reshape(len(poses), -1)
+    return np.median(depth, axis=1) >= median_depth_mm
