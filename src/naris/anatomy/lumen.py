@@ -105,7 +105,7 @@ def lumen_graph(distance: SignedDistance) -> LumenGraph:
         PoseError: if no node of the grid lies in the lumen.
     """
     values = distance.values_mm
-    inside = np.argwhere(values > 0)
+    inside = np.argwhere(values[1:-1, 1:-1, 1:-1] > 0) + 1
     if not len(inside):
         raise PoseError(
             "a lumen wider than the distance grid",
@@ -117,7 +117,7 @@ def lumen_graph(distance: SignedDistance) -> LumenGraph:
     clearance = values[tuple(inside.T)].astype(np.float64)
     ends, lengths = [], []
     for step in _STEPS:
-        # The outermost nodes of the grid are outside the lumen, so a step never leaves it.
+        # The outermost nodes of the grid are left out, so a step never leaves it.
         other = number[tuple((inside + step).T)]
         length = distance.spacing_mm * float(np.linalg.norm(step))
         free = (other >= 0) & (clearance + clearance[other] >= length)

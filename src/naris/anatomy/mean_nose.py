@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from naris.anatomy.passages import Route
+from naris.core.anatomy import Between, Entrance
 
 FRAME = "mean"
 NAME = "mean nose"
@@ -17,16 +18,21 @@ _VERTICES, _FACES = 14056, 28136
 _BOUNDS_MM = np.array([[-10.937, -42.279, -20.926], [8.508, 34.267, 30.084]])
 _BOUNDS_TOLERANCE_MM = 0.01
 
-_NOSTRIL = np.array([6.7, -40.5, 0.0])
+AIRSPACE = Between(entrance=Entrance(low_mm=(-1.5, -42.0, -12.0), high_mm=(8.0, -25.0, 18.0)))
+"""The published surface encloses the tissue (septum, turbinates, floor and lateral wall). In the vestibule only the
+septum is modelled; there the air ends level with the front of the septum and the lateral wall."""
+
+_NOSTRIL = np.array([2.5, -37.0, 2.0])
+_CHOANA = np.array([1.0, 30.0, -7.0])
 ROUTES = (
-    Route("main", _NOSTRIL, np.array([6.0, 32.0, -9.0])),
-    Route("inferior", _NOSTRIL, np.array([-2.0, 26.0, -14.0]), (np.array([-1.5, 4.0, -12.0]),)),
-    Route("middle", _NOSTRIL, np.array([-1.5, 27.0, -2.0]), (np.array([1.0, 4.0, 6.0]),)),
-    Route("superior", _NOSTRIL, np.array([7.0, 14.5, 21.5])),
-    Route("floor", _NOSTRIL, np.array([-8.0, 31.0, -13.0]), (np.array([2.0, 0.0, -19.0]),)),
+    Route("main", _NOSTRIL, _CHOANA),
+    Route("inferior meatus", _NOSTRIL, np.array([-8.5, 16.0, -15.0]), (np.array([-6.5, -3.0, -3.0]),)),
+    Route("middle meatus", _NOSTRIL, _CHOANA, (np.array([-4.0, 6.0, 2.0]),)),
+    Route("olfactory cleft", _NOSTRIL, np.array([5.0, -4.0, 21.0])),
+    Route("floor", _NOSTRIL, _CHOANA, (np.array([3.0, -15.0, -13.0]), np.array([2.0, 4.0, -18.0]))),
 )
-"""From the front of the nose to its far ends: straight along the flat medial wall, through the lower and the middle
-wide part, to the top, and over the floor to the lateral wall."""
+"""From the nostril: between septum and turbinates to the choana, under the inferior turbinate, under the middle
+turbinate, up to the roof between septum and middle turbinate, and over the floor."""
 
 
 def is_mean_nose(vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> bool:
