@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from naris.core.atomic import to_json
 from naris.errors import InputError
 
 SCHEMA = "naris.bench/1"
@@ -112,10 +113,14 @@ class BenchResult:
                 return figure
         raise InputError(f"one of the figures {[f.name for f in self.figures]}", repr(name), "name one of those")
 
-    def to_json(self) -> str:
-        """The object as indented JSON; `schema` stands first."""
+    def record(self) -> dict[str, Any]:
+        """The object as JSON holds it; `schema` stands first."""
         fields = asdict(self)
-        return json.dumps({"schema": fields.pop("schema"), **fields}, indent=2, ensure_ascii=False, allow_nan=False)
+        return {"schema": fields.pop("schema"), **fields}
+
+    def to_json(self) -> str:
+        """`record` as indented text."""
+        return to_json(self.record())
 
     @staticmethod
     def from_json(text: str) -> BenchResult:

@@ -17,6 +17,7 @@ from naris.report.data import (
     TrainingCurve,
     ViewSet,
 )
+from naris.report.nearest import Nearest, nearest_views
 from naris.report.scores import Calibration, PoseErrors, RunScore, TestResult
 from naris.report.write import write_report
 
@@ -26,6 +27,7 @@ __all__ = [
     "Calibration",
     "Line",
     "LocatedFrame",
+    "Nearest",
     "NearestPair",
     "NetworkResult",
     "PoseErrors",
@@ -37,5 +39,6 @@ __all__ = [
     "TestResult",
     "TrainingCurve",
     "ViewSet",
+    "nearest_views",
     "write_report",
 ]

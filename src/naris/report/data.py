@@ -19,6 +19,9 @@ from naris.core.results import Prediction
 from naris.errors import InputError
 from naris.report.scores import TestResult
 
+NEIGHBOUR_MM, NEIGHBOUR_DEG = 2.0, 15.0
+"""A test view nearer than both to a training view counts as its neighbour."""
+
 LineRole = Literal["passage", "training", "test"]
 
 
@@ -109,12 +112,12 @@ class Split:
     Attributes:
         key: `published`, `trajectory` or `trajectory_texture`, as in the names of figures; any other identifier works.
         label: short, for tables and charts, e.g. `published split`.
+        phrase: in a sentence, e.g. `on the published split`; None makes it `on` and the label.
         explanation: one or two sentences: what the test pictures have in common with those of the training.
         count: test pictures.
         leaky: whether test views lie among the training views.
-        nearest_mm: (N,) from each test camera to the nearest training camera (the one that minimises mm + deg / 7.5, so
-            that 2 mm weigh as much as 15°), or None if unknown, as for training on views drawn anew.
-        nearest_deg: (N,) the angle between these two.
+        nearest_mm: (N,) from each test camera to its nearest training camera (`report.nearest`), or None if unknown.
+        nearest_deg: (N,) the angle between the viewing directions of these two.
         pair: a typical test picture beside its nearest training picture (the median pair is a fair choice).
     """
 
@@ -126,6 +129,11 @@ class Split:
     nearest_mm: Float[np.ndarray, "n"] | None = None
     nearest_deg: Float[np.ndarray, "n"] | None = None
     pair: NearestPair | None = None
+    phrase: str | None = None
+
+    @property
+    def called(self) -> str:
+        return self.phrase or f"on {self.label}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +159,7 @@ class NetworkResult:
     Attributes:
         key: `two_layer`, `compact` or `compact_at_will`, as in the names of figures; any other identifier works.
         label: short, for tables and charts, e.g. `compact, views at will`.
+        phrase: in a sentence, e.g. `the compact network trained on views at will`; None makes it `the … network`.
         description: what the network is, one sentence.
         trained_on: what it learned from, one sentence.
         pictures: training pictures seen in all (with those of an endless stream), or None.
@@ -169,6 +178,11 @@ class NetworkResult:
     tests: tuple[TestResult, ...]
     pictures: int | None = None
     step: str = "epoch"
+    phrase: str | None = None
+
+    @property
+    def called(self) -> str:
+        return self.phrase or f"the {self.label} network"
 
     def test(self, split: str) -> TestResult | None:
         """The result on that split, if it was measured."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Sequence
 
-_VOID = {"img", "meta", "br", "hr", "link", "line", "rect", "circle", "path", "polyline", "image", "use"}
+_VOID = {"img", "meta", "br", "hr", "line", "rect", "circle", "path", "polyline", "image"}
 
 
 class Markup(str):

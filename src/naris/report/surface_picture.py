@@ -13,11 +13,10 @@ import numba
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32, UInt8
 
-from naris.core.anatomy import NOWHERE, Anatomy, RegionSet
+from naris.core.anatomy import NOWHERE, Anatomy, Between, RegionSet
 
 _LAYERS = 8
-_OVERSAMPLING = 2
-_INWARD_MM = (0.0, 0.4, 0.9, 1.6, 2.5)
+_OFF_WALL_MM = (0.0, 0.4, 0.9, 1.6, 2.5)
 _GREY = np.array([0.55, 0.57, 0.60], dtype=np.float32)
 
 
@@ -37,7 +36,8 @@ class Aspect:
 
     @property
     def towards_eye(self) -> Float[np.ndarray, "3"]:
-        return np.cross(self.right, self.up)
+        """The direction out of the picture."""
+        return np.cross(np.array(self.right, dtype=np.float64), np.array(self.up, dtype=np.float64))
 
     def flatten(self, points_mm: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
         """Where points stand in the picture: mm to the right, mm downwards."""
@@ -71,86 +71,71 @@ def draw_surface(
     regions: RegionSet | None,
     colours: UInt8[np.ndarray, "k 3"],
     aspect: Aspect,
-    px_per_mm: float = 8.0,
+    px_per_mm: float = 16.0,
 ) -> SurfacePicture:
     """Draws the surface of an anatomy, each point in the colour of the region that it bounds.
 
-    `colours` holds one sRGB colour a region; without regions, or where the wall bounds none, it is grey.
+    `colours` holds one sRGB colour a region; without regions, or where the wall bounds none, it is grey. Edges are
+    not smoothed: draw at twice the size at which the picture is shown.
     """
-    scale = px_per_mm * _OVERSAMPLING
     flat = aspect.flatten(anatomy.vertices_mm)
     corner = np.floor(flat.min(axis=0)) - 0.5
-    size = np.ceil((flat.max(axis=0) + 0.5 - corner) * px_per_mm).astype(int) * _OVERSAMPLING
-    depth_mm = anatomy.vertices_mm @ aspect.towards_eye
-    layers, faces = _k_buffer(
-        ((flat - corner) * scale - 0.5).astype(np.float32),
-        depth_mm.astype(np.float32),
-        anatomy.faces,
-        np.array([size[1], size[0], _LAYERS]),
-    )
-    picture = np.zeros((size[1], size[0], 4), dtype=np.float32)
+    width, height = np.ceil((flat.max(axis=0) + 0.5 - corner) * px_per_mm).astype(int)
+    xyd = np.concatenate([(flat - corner) * px_per_mm - 0.5, (anatomy.vertices_mm @ aspect.towards_eye)[:, None]], 1)
+    faces, places = _k_buffer(xyd.astype(np.float32), anatomy.faces, np.array([height, width, _LAYERS]))
+    picture = np.zeros((height, width, 4), dtype=np.float32)
     for layer in range(_LAYERS):  # the farthest comes first
         hit = np.nonzero(faces[..., layer] >= 0)
         if not len(hit[0]):
             continue
-        at = np.stack([hit[1], hit[0]], axis=-1) / scale + corner + 0.5 / scale
-        points = _unflatten(at, layers[(*hit, layer)], aspect)
-        normals = _smooth_normals(anatomy, faces[(*hit, layer)], points)
-        tint = _tint(points, normals, regions, colours)
-        _blend(picture, hit, _shade(tint, normals, aspect))
-    return SurfacePicture(_shrink(picture), corner, px_per_mm)
+        corners = anatomy.faces[faces[(*hit, layer)]]
+        points = _carry(anatomy.vertices_mm, corners, places[(*hit, layer)])
+        normals = _carry(anatomy.vertex_normals, corners, places[(*hit, layer)])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+        into_air = normals if isinstance(anatomy.airspace, Between) else -normals
+        _blend(picture, hit, _shade(_tint(points, into_air, regions, colours), normals, aspect))
+    alpha = picture[..., 3:]
+    picture[..., :3] /= np.maximum(alpha, 1e-6)
+    return SurfacePicture(np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8), corner, px_per_mm)
 
 
-def _unflatten(
-    flat_mm: Float[np.ndarray, "n 2"], depth_mm: Float32[np.ndarray, "n"], aspect: Aspect
-) -> Float[np.ndarray, "n 3"]:
-    axes = np.stack([np.array(aspect.right, float), -np.array(aspect.up, float), aspect.towards_eye])
-    return np.concatenate([flat_mm, depth_mm[:, None]], axis=1) @ axes
-
-
-def _smooth_normals(
-    anatomy: Anatomy, faces: Int32[np.ndarray, "n"], points_mm: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "n 3"]:
-    """Vertex normals carried to points of the faces by areas of the opposite triangles."""
-    corners = anatomy.faces[faces]
-    a, b, c = (anatomy.vertices_mm[corners[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a)
-    area2 = np.maximum((normal * normal).sum(axis=1), 1e-20)
-    weight_a = (np.cross(c - b, points_mm - b) * normal).sum(axis=1) / area2
-    weight_b = (np.cross(a - c, points_mm - c) * normal).sum(axis=1) / area2
-    weights = np.clip(np.stack([weight_a, weight_b, 1 - weight_a - weight_b], axis=1), 0, 1)
-    blended = np.einsum("nk,nkd->nd", weights, anatomy.vertex_normals[corners])
-    return blended / np.maximum(np.linalg.norm(blended, axis=1, keepdims=True), 1e-9)
+def _carry(
+    values: Float[np.ndarray, "v 3"], corners: Int32[np.ndarray, "n 3"], places: Float32[np.ndarray, "n 2"]
+) -> Float32[np.ndarray, "n 3"]:
+    """Values at the vertices of triangles carried to places inside them (weights of the first two corners)."""
+    values = values.astype(np.float32)
+    a, b, c = (values[corners[:, i]] for i in range(3))
+    return c + places[:, :1] * (a - c) + places[:, 1:] * (b - c)
 
 
 def _tint(
-    points_mm: Float[np.ndarray, "n 3"],
-    normals: Float[np.ndarray, "n 3"],
+    points_mm: Float32[np.ndarray, "n 3"],
+    into_air: Float32[np.ndarray, "n 3"],
     regions: RegionSet | None,
     colours: UInt8[np.ndarray, "k 3"],
 ) -> Float32[np.ndarray, "n 3"]:
-    """The colour of the region just inside the wall: walls themselves often lie on the edge of the labelled space."""
+    """The colour of the region beside the wall: walls themselves often lie on the edge of the labelled space."""
     if regions is None:
         return np.broadcast_to(_GREY, points_mm.shape)
     label = np.full(len(points_mm), NOWHERE, dtype=np.intp)
-    for inward_mm in _INWARD_MM:
+    for off_mm in _OFF_WALL_MM:
         open_ = np.nonzero(label == NOWHERE)[0]
         if not len(open_):
             break
-        label[open_] = regions.label(points_mm[open_] - inward_mm * normals[open_])
+        label[open_] = regions.label(points_mm[open_] + off_mm * into_air[open_])
     palette = np.concatenate([colours.astype(np.float32) / 255, _GREY[None]])
     return palette[label]  # NOWHERE = −1 is the grey at the end
 
 
 def _shade(
-    tint: Float32[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], aspect: Aspect
+    tint: Float32[np.ndarray, "n 3"], normals: Float32[np.ndarray, "n 3"], aspect: Aspect
 ) -> Float32[np.ndarray, "n 4"]:
     """Glass: nearly clear where the wall faces the eye, denser where it turns away; lit from above the eye."""
-    facing = np.abs(normals @ aspect.towards_eye)
+    facing = np.abs(normals @ aspect.towards_eye.astype(np.float32))
     light = aspect.towards_eye + 0.6 * np.array(aspect.up) - 0.3 * np.array(aspect.right)
-    lit = np.abs(normals @ (light / np.linalg.norm(light)))
+    lit = np.abs(normals @ (light / np.linalg.norm(light)).astype(np.float32))
     alpha = 0.2 + 0.6 * (1 - facing) ** 2.2
-    gloss = 0.35 * lit**24
+    gloss = 0.35 * lit**16
     colour = np.clip(tint * (0.5 + 0.55 * lit)[:, None] + gloss[:, None], 0, 1)
     return np.concatenate([colour, alpha[:, None]], axis=1).astype(np.float32)
 
@@ -166,49 +151,42 @@ def _blend(
     picture[hit] = np.concatenate([shade[:, :3] * alpha, alpha], axis=1) + under * (1 - alpha)
 
 
-def _shrink(picture: Float32[np.ndarray, "h w 4"]) -> UInt8[np.ndarray, "h2 w2 4"]:
-    height, width = (n // _OVERSAMPLING for n in picture.shape[:2])
-    mean = picture.reshape(height, _OVERSAMPLING, width, _OVERSAMPLING, 4).mean(axis=(1, 3))
-    alpha = mean[..., 3:]
-    colour = np.where(alpha > 0, mean[..., :3] / np.maximum(alpha, 1e-6), 0)
-    return np.rint(255 * np.clip(np.concatenate([colour, alpha], axis=-1), 0, 1)).astype(np.uint8)
-
-
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _k_buffer(
-    xy: Float32[np.ndarray, "v 2"],
-    depth: Float32[np.ndarray, "v"],
-    faces: Int32[np.ndarray, "f 3"],
-    size: Int[np.ndarray, "3"],
-) -> tuple[Float32[np.ndarray, "h w k"], Int32[np.ndarray, "h w k"]]:
-    """The nearest layers of every pixel, the farthest of them first: depth towards the eye, and the face (−1 none)."""
+    xyd: Float32[np.ndarray, "v 3"], faces: Int32[np.ndarray, "f 3"], size: Int[np.ndarray, "3"]
+) -> tuple[Int32[np.ndarray, "h w k"], Float32[np.ndarray, "h w k 2"]]:
+    """The nearest layers of every pixel, the farthest of them first: the face (−1 none), and the place in it.
+
+    `xyd` are pixels and depth towards the eye; a place is the weights of the first two corners.
+    """
     height, width, k = size
     deep = np.full((height, width, k), -np.inf, dtype=np.float32)
     face = np.full((height, width, k), -1, dtype=np.int32)
+    place = np.zeros((height, width, k, 2), dtype=np.float32)
     for f in range(len(faces)):
-        a, b, c = faces[f]
-        area = (xy[b, 0] - xy[a, 0]) * (xy[c, 1] - xy[a, 1]) - (xy[c, 0] - xy[a, 0]) * (xy[b, 1] - xy[a, 1])
+        a, b, c = xyd[faces[f, 0]], xyd[faces[f, 1]], xyd[faces[f, 2]]
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
         if abs(area) < 1e-9:
             continue
-        x0 = max(int(np.ceil(min(xy[a, 0], xy[b, 0], xy[c, 0]))), 0)
-        x1 = min(int(np.floor(max(xy[a, 0], xy[b, 0], xy[c, 0]))), width - 1)
-        y0 = max(int(np.ceil(min(xy[a, 1], xy[b, 1], xy[c, 1]))), 0)
-        y1 = min(int(np.floor(max(xy[a, 1], xy[b, 1], xy[c, 1]))), height - 1)
+        x0 = max(int(np.ceil(min(a[0], b[0], c[0]))), 0)
+        x1 = min(int(np.floor(max(a[0], b[0], c[0]))), width - 1)
+        y0 = max(int(np.ceil(min(a[1], b[1], c[1]))), 0)
+        y1 = min(int(np.floor(max(a[1], b[1], c[1]))), height - 1)
         for y in range(y0, y1 + 1):
             for x in range(x0, x1 + 1):
-                u = ((xy[b, 0] - x) * (xy[c, 1] - y) - (xy[c, 0] - x) * (xy[b, 1] - y)) / area
-                v = ((xy[c, 0] - x) * (xy[a, 1] - y) - (xy[a, 0] - x) * (xy[c, 1] - y)) / area
-                w = 1 - u - v
-                if u < 0 or v < 0 or w < 0:
-                    continue
-                z = u * depth[a] + v * depth[b] + w * depth[c]
-                if z <= deep[y, x, 0]:
+                u = ((b[0] - x) * (c[1] - y) - (c[0] - x) * (b[1] - y)) / area
+                v = ((c[0] - x) * (a[1] - y) - (a[0] - x) * (c[1] - y)) / area
+                z = u * a[2] + v * b[2] + (1 - u - v) * c[2]
+                if u < 0 or v < 0 or u + v > 1 or z <= deep[y, x, 0]:
                     continue
                 slot = 0
                 while slot + 1 < k and z > deep[y, x, slot + 1]:
                     deep[y, x, slot] = deep[y, x, slot + 1]
                     face[y, x, slot] = face[y, x, slot + 1]
+                    place[y, x, slot] = place[y, x, slot + 1]
                     slot += 1
                 deep[y, x, slot] = z
                 face[y, x, slot] = f
-    return deep, face
+                place[y, x, slot, 0] = u
+                place[y, x, slot, 1] = v
+    return face, place

@@ -1,0 +1,86 @@
+"""Measure the figures that the documents quote, with goals, peers, machine and versions."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from naris.cli.console import Console
+
+if TYPE_CHECKING:
+    from naris.bench.result import BenchResult, Figure
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to measure, and how long to take."""
+
+    name: Annotated[
+        tyro.conf.Positional[Literal["render", "simulate", "demo", "reproduce"]], tyro.conf.arg(metavar="NAME")
+    ]
+    """render: milliseconds a frame and agreement of engines; simulate: seconds for 1,420 pictures on disk;
+    demo: its accuracy and time; reproduce: the published experiment."""
+    quick: bool = False
+    """At most 60 s on two cores, with fewer trials."""
+    anatomy: Annotated[str | None, tyro.conf.arg(metavar="FILE|builtin")] = None
+    """What to measure on; by default the published mean nose (naris fetch mean-nose)."""
+    texture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """A picture that colours the walls; by default that of the mean nose."""
+    seed: int = 0
+    """Of everything random."""
+    work: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Where long benchmarks keep what they make, to go on after an interruption; by default a temporary folder."""
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None
+    """Write the result there too, as JSON."""
+
+
+def run(options: Options, console: Console) -> int:
+    """Measures, writes and tells the figures."""
+    from naris.bench import BenchRequest, run_benchmark
+    from naris.core.atomic import write_json
+
+    request = BenchRequest(
+        quick=options.quick,
+        seed=options.seed,
+        anatomy=options.anatomy,
+        texture=options.texture,
+        work=options.work,
+        progress=console.progress,
+    )
+    result = run_benchmark(options.name, request, shlex.join(["naris", *sys.argv[1:]]))
+    if options.out is not None:
+        write_json(options.out, result.record())
+    console.answer(result.record(), _told(result))
+    return 0
+
+
+def interrupted(options: Options) -> str:
+    """What a user who stopped it should know."""
+    if options.work is None:
+        return "nothing was kept; give --work DIR to go on another time"
+    return f"what was made so far is in {options.work}; the same command goes on from there"
+
+
+def _told(result: BenchResult) -> str:
+    rows = [_row(figure) for figure in result.figures]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)] if rows else []
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    for figure in result.figures:
+        for peer, value in figure.peers.items():
+            said = f"{value:.4g} {figure.unit}" if isinstance(value, float) else value
+            lines.append(f"  {figure.name} by {peer}: {said}")
+    lines.append(f"{result.seconds.wall:.1f} s wall, {result.seconds.cpu:.1f} s CPU")
+    return "\n".join(lines)
+
+
+def _row(figure: Figure) -> tuple[str, ...]:
+    value = "not measured" if figure.value is None else f"{figure.value:.4g} {figure.unit}"
+    goal = "" if figure.goal is None else f"goal {'≥' if figure.better == 'higher' else '≤'} {figure.goal:g}"
+    verdict = {True: "reached", False: "missed", None: ""}[figure.reached]
+    interval = "" if figure.interval is None else f"[{figure.interval[0]:.4g}, {figure.interval[1]:.4g}]"
+    return figure.name, value, interval, goal, verdict, f"n = {figure.n}"
