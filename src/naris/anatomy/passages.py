@@ -26,6 +26,7 @@ _COVERED_MM = 9.0
 _MOST_BRANCHES = 6
 _SAME_WAY_MM = 1.5
 _DEAD_END_MM = 6.0
+_NOSTRIL, _NASOPHARYNX = "nostril", "nasopharynx"
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +51,10 @@ def find_passages(
 ) -> tuple[Passage, ...]:
     """The passages of an anatomy: points 0.5 mm apart, each inside the lumen, ordered from outside to inside.
 
-    With `routes`, one passage each. Without, the landmarks whose name ends in `nostril` are the openings (what stands
-    before it, e.g. `left.`, begins the names) and `nasopharynx` the far end; where there are none, the two most distant
-    places of the lumen, the one with the smaller y (anterior in LPS and in the mean nose) first. Then the passages are
-    called `main`, `branch 1`, `branch 2`, … after their opening.
+    With `routes`, one passage each. Without, the landmarks with `nostril` in their name are the openings and the one
+    with `nasopharynx` the far end; where there are none, the two most distant places of the lumen, the one with the
+    smaller y (anterior in LPS and in the mean nose) first. Then the passages are called `main`, `branch 1`, … or, with
+    the words before `nostril`, `left.main`, `left.branch 1`, …
 
     Raises:
         PoseError: if a point of a route is more than 5 mm away from the lumen, or the lumen is too thin for the grid.
@@ -79,12 +80,8 @@ def _ways_of_routes(graph: LumenGraph, routes: Sequence[Route]) -> dict[str, Int
 
 
 def _ways_found(graph: LumenGraph, landmarks_mm: dict[str, Float[np.ndarray, "3"]]) -> dict[str, Int[np.ndarray, "m"]]:
-    openings = {
-        name.removesuffix("nostril"): graph.nearest(point)
-        for name, point in landmarks_mm.items()
-        if name.endswith("nostril")
-    }
-    far = graph.nearest(landmarks_mm["nasopharynx"]) if "nasopharynx" in landmarks_mm else None
+    openings = {_prefix(name): graph.nearest(point) for name, point in landmarks_mm.items() if _NOSTRIL in name}
+    far = next((graph.nearest(point) for name, point in landmarks_mm.items() if _NASOPHARYNX in name), None)
     if not openings or far is None:
         openings, far = _two_ends(graph, openings)
     inwards = {prefix: graph.central_tree(node) for prefix, node in openings.items()}
@@ -99,6 +96,12 @@ def _ways_found(graph: LumenGraph, landmarks_mm: dict[str, Float[np.ndarray, "3"
         numbers[prefix] += 1
         ways[f"{prefix}branch {numbers[prefix]}"] = _way_through(graph, inwards[prefix], tip, outwards)
     return ways
+
+
+def _prefix(landmark: str) -> str:
+    """`left.` of `left nostril centre`."""
+    side = landmark.partition(_NOSTRIL)[0].strip()
+    return f"{side}." if side else ""
 
 
 def _two_ends(graph: LumenGraph, openings: dict[str, int]) -> tuple[dict[str, int], int]:
