@@ -11,9 +11,9 @@ from importlib import metadata
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-from tests.conftest import REPOSITORY
 
 import naris
+from tests.conftest import REPOSITORY
 
 EXPORTED: tuple[str, ...] = ()
 """What `import naris` gives, besides the version. Whoever adds a name here promises to keep it."""
