@@ -1,0 +1,53 @@
+"""Which anatomy and which of its region sets a command line means."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from naris.anatomy.builtin import NORMAL_RANGES, NoseParameters, built_in_nose
+from naris.anatomy.folder import BUILTIN, SLABS, load_anatomy
+from naris.core.anatomy import Anatomy, RegionSet
+from naris.errors import InputError
+
+
+def open_anatomy(
+    what: str, regions: str | None = None, *, frame: str | None = None, unit: str = "mm"
+) -> tuple[Anatomy, RegionSet]:
+    """The anatomy that a word means, and the region set to label with.
+
+    Args:
+        what: `builtin`, a folder, or a surface file.
+        regions: the name of one of its region sets, a JSON file with one, or `slabs`; None for its first.
+        frame, unit: of a surface file.
+
+    Raises:
+        SurfaceError: if there is no such anatomy, or one that cannot be used.
+        RegionError: if there is no such region set.
+    """
+    added = regions if regions is not None and (regions == SLABS or Path(regions).suffix == ".json") else None
+    anatomy = load_anatomy(what, regions=added, frame=frame, unit=unit)
+    return anatomy, anatomy.region_set(None if added else regions)
+
+
+def shaped_nose(what: str, settings: tuple[str, ...]) -> Anatomy:
+    """The built-in nose with some of its parameters set, each as `name=number`.
+
+    Raises:
+        InputError: if `what` is another anatomy, a parameter is unknown, or a number is none or out of range.
+    """
+    if what != BUILTIN:
+        raise InputError(f"--set with the anatomy {BUILTIN}", repr(what), "leave --set out")
+    whole = {field.name for field in fields(NoseParameters)} - set(NORMAL_RANGES)
+    values: dict[str, Any] = {}
+    for setting in settings:
+        name, _, number = setting.partition("=")
+        if name not in NORMAL_RANGES and name not in whole:
+            known = ", ".join([*NORMAL_RANGES, *sorted(whole)])
+            raise InputError(f"--set NAME=NUMBER with one of {known}", repr(setting), "correct the name")
+        try:
+            values[name] = int(number) if name in whole else float(number)
+        except ValueError as error:
+            raise InputError(f"a number for {name}", repr(number), f"write --set {name}=…") from error
+    return built_in_nose(NoseParameters(**values))

@@ -1,0 +1,124 @@
+"""Look at an anatomy: unit, closedness, volume, regions, passages. With -o, keep it in a folder, with a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from naris.cli.console import Console
+
+if TYPE_CHECKING:
+    from naris.core.anatomy import Anatomy, Passage
+
+PICTURE = "anatomy.html"
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to look at."""
+
+    anatomy: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ANATOMY")]
+    """`builtin`, a surface file (PLY, STL, OBJ, VTP), or a folder made by this command."""
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
+    """Keep the anatomy with its regions and passages in this folder, with a picture (anatomy.html)."""
+    unit: Literal["mm", "cm", "m", "in", "um"] = "mm"
+    """Of the numbers in a surface file."""
+    frame: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """Of the coordinates in a surface file: LPS, RAS or a name of its own; by default what the file says, else LPS."""
+    regions: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
+    """Region set to put first: one of its own, a JSON file, or four even slabs from front to back."""
+    set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=NUMBER")] = ()
+    """Parameters of the built-in nose (mm or degrees), e.g. cavity_length_mm=70; a wrong name lists them all."""
+
+
+def run(options: Options, console: Console) -> int:
+    """Reads or makes the anatomy, tells what it is, keeps it if asked."""
+    from naris.anatomy.folder import save_anatomy
+    from naris.cli.anatomies import open_anatomy, shaped_nose
+
+    if options.set:
+        anatomy = shaped_nose(options.anatomy, options.set)
+        regions = anatomy.region_set(options.regions)
+    else:
+        anatomy, regions = open_anatomy(options.anatomy, options.regions, frame=options.frame, unit=options.unit)
+    others = {name: one for name, one in anatomy.regions.items() if name != regions.name}
+    anatomy = anatomy.with_(regions={regions.name: regions, **others})
+    data = _describe(anatomy)
+    if options.out is not None:
+        from naris.core.atomic import write_text
+        from naris.report.anatomy_page import anatomy_page
+
+        save_anatomy(anatomy, options.out)
+        write_text(options.out / PICTURE, anatomy_page(anatomy, regions.name, _facts(data)))
+        data |= {"folder": options.out, "picture": options.out / PICTURE}
+    console.answer(data, _text(data))
+    return 0
+
+
+def interrupted(options: Options) -> str:
+    """What a user who stopped it should know."""
+    return "nothing was kept; run the same command again"
+
+
+def _describe(anatomy: Anatomy) -> dict[str, Any]:
+    from naris.anatomy.checks import check_surface
+
+    report = check_surface(anatomy.vertices_mm, anatomy.faces)
+    low, high = anatomy.bounds_mm.tolist()
+    return {
+        "name": anatomy.name,
+        "source": anatomy.source,
+        "frame": anatomy.frame,
+        "digest": anatomy.digest,
+        "vertices": report.vertices,
+        "faces": report.faces,
+        "closed": report.closed,
+        "pieces": report.pieces,
+        "genus": report.genus,
+        "volume_ml": round(report.volume_ml, 3),
+        "bounds_mm": {"low": low, "high": high},
+        "airspace": anatomy.airspace.kind,
+        "regions": {name: list(one.names) for name, one in anatomy.regions.items()},
+        "passages": [_passage(one) for one in anatomy.passages],
+        "landmarks_mm": {name: point.tolist() for name, point in anatomy.landmarks_mm.items()},
+    }
+
+
+def _passage(passage: Passage) -> dict[str, Any]:
+    return {
+        "name": passage.name,
+        "length_mm": round(passage.length_mm, 1),
+        "clearance_least_mm": round(float(passage.clearance_mm.min()), 2),
+        "clearance_most_mm": round(float(passage.clearance_mm.max()), 2),
+    }
+
+
+def _facts(data: dict[str, Any]) -> dict[str, str]:
+    low, high = data["bounds_mm"]["low"], data["bounds_mm"]["high"]
+    extent = ", ".join(f"{axis} {a:.1f} … {b:.1f}" for axis, a, b in zip("xyz", low, high, strict=True))
+    pieces = "one piece" if data["pieces"] == 1 else f"{data['pieces']} pieces"
+    where = {"enclosed": "enclosed by the surface", "between": "between walls that the surface encloses"}
+    return {
+        "from": data["source"],
+        "frame": f"{data['frame']}, {extent} mm",
+        "surface": f"{data['vertices']} vertices, {data['faces']} faces, "
+        f"{'closed' if data['closed'] else 'open'}, {pieces}, genus {data['genus']}",
+        "encloses": f"{data['volume_ml']:.1f} ml",
+        "air": where[data["airspace"]],
+        "digest": data["digest"],
+    }
+
+
+def _text(data: dict[str, Any]) -> str:
+    lines = [data["name"], *(f"  {label:<10}{told}" for label, told in _facts(data).items())]
+    for name, names in data["regions"].items():
+        lines.append(f"  regions {name}: {', '.join(names)}")
+    for one in data["passages"]:
+        room = f"room {one['clearance_least_mm']:.1f}–{one['clearance_most_mm']:.1f} mm to the wall"
+        lines.append(f"  passage {one['name']}: {one['length_mm']:.0f} mm, {room}")
+    if "folder" in data:
+        lines.append(f"kept in {data['folder']}, picture in {data['picture']}")
+    return "\n".join(lines)

@@ -1,0 +1,96 @@
+"""Simulate endoscopy: pictures of an anatomy with poses, regions and depth; a stopped run goes on where it was."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from naris.cli.console import Console
+
+if TYPE_CHECKING:
+    from naris.dataset.read import Dataset
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to simulate, and where to."""
+
+    anatomy: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ANATOMY")]
+    """`builtin`, a surface file in mm (PLY, STL, OBJ, VTP), or a folder made by naris anatomy."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")]
+    """Folder of the data set: new, or one that this very command began."""
+    count: int = 1000
+    """How many pictures (not with --keyframes, which tell themselves)."""
+    views: Literal["inspection", "anywhere", "trajectories"] = "inspection"
+    """inspection: along the passages, some depth ahead, each region equally often; anywhere: any place with room;
+    trajectories: steered along the passages, 10 views at each position."""
+    keyframes: Annotated[Path | None, tyro.conf.arg(metavar="FILE|DIR")] = None
+    """Go from keyframe to keyframe instead: a JSON file (docs/keyframes.md) or the original's folder of text files."""
+    step_mm: float = 1.0
+    """Between positions on the way from keyframe to keyframe, in mm."""
+    per_position: int = 10
+    """Views at each position of a trajectory."""
+    regions: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
+    """Region set that labels the views: one of the anatomy's own, a JSON file, or four even slabs; by default its
+    first."""
+    appearance: Literal["endoscope", "training", "unseen", "paper", "paper-culled"] = "endoscope"
+    """endoscope: one realistic look; training, unseen: a look for each picture, from disjoint distributions;
+    paper: the published light; paper-culled: the same with near walls culled, as the published code did."""
+    texture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """A picture that colours the walls vertex by vertex, as in the published experiment."""
+    width: int = 300
+    """Of the pictures, in pixels."""
+    height: int = 300
+    """Of the pictures, in pixels."""
+    fov_deg: float = 45.0
+    """Vertical field of view, in degrees, of a camera without distortion."""
+    seed: int = 0
+    """Of everything random: the same seed gives the same bytes, for any number of workers."""
+    depth: bool = True
+    """Keep depth, as 16-bit PNG."""
+    original: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Write the pictures and poses also as the frame/ and pose/ folders of the published code."""
+    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Threads; by default one a core."""
+
+
+def run(options: Options, console: Console) -> int:
+    """Makes the data set, or what is still missing of it."""
+    from naris.cli import views
+    from naris.dataset.generate import simulate
+    from naris.dataset.original import write_original
+
+    began_s = time.perf_counter()
+    simulation, scene = views.simulation(options)
+    dataset = simulate(simulation, options.out, scene=scene, workers=options.workers, progress=console.progress)
+    if options.original is not None:
+        write_original(dataset, options.original)
+    _answer(console, dataset, time.perf_counter() - began_s)
+    return 0
+
+
+def interrupted(options: Options) -> str:
+    """What a user who stopped it should know."""
+    return f"the pictures that are whole stay in {options.out}; the same command goes on from there"
+
+
+def _answer(console: Console, dataset: Dataset, seconds: float) -> None:
+    names, labels = dataset.regions.names, dataset.labels.tolist()
+    counts = {name: labels.count(index) for index, name in enumerate(names)}
+    data = {
+        "folder": dataset.folder,
+        "count": len(dataset),
+        "anatomy": {"name": dataset.anatomy_name, "digest": dataset.anatomy_digest},
+        "region_set": dataset.regions.name,
+        "regions": counts,
+        "engine": dataset.about.get("engine"),
+        "seconds": round(seconds, 2),
+    }
+    width = max(map(len, names))
+    lines = [f"{len(dataset)} pictures of {dataset.anatomy_name} in {dataset.folder} ({seconds:.1f} s)"]
+    lines += [f"  {name:<{width}}  {count}" for name, count in counts.items()]
+    console.answer(data, "\n".join(lines))

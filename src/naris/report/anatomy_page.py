@@ -1,0 +1,45 @@
+"""One anatomy as a page of its own: its picture from three sides, its regions and passages, and what is known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import resources
+
+from naris.core.anatomy import Anatomy
+from naris.report.anatomy_figure import anatomy_figure
+from naris.report.data import AnatomyView
+from naris.report.markup import Markup, element, table
+
+
+def anatomy_page(anatomy: Anatomy, region_set: str, facts: Mapping[str, str]) -> str:
+    """A self-contained HTML document.
+
+    Args:
+        anatomy: with its passages, in mm.
+        region_set: the name of the set whose regions are drawn in colour.
+        facts: what else to say, each under a short label.
+
+    Raises:
+        RegionError: if the anatomy has no such region set.
+    """
+    style = resources.files("naris.report").joinpath("style.css").read_text(encoding="utf-8")
+    passages = [
+        [one.name, f"{one.length_mm:.0f} mm", f"{one.clearance_mm.min():.1f}–{one.clearance_mm.max():.1f} mm"]
+        for one in anatomy.passages
+    ]
+    main = element(
+        "main",
+        element("header", element("h1", anatomy.name)),
+        element("section", anatomy_figure(AnatomyView(anatomy, region_set))),
+        element("section", table(["", ""], [[label, said] for label, said in facts.items()])),
+        element("section", table(["passage", "length", "room to the wall"], passages)) if passages else None,
+    )
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", name="color-scheme", content="light dark"),
+        element("title", anatomy.name),
+        element("style", Markup(style)),
+    )
+    return "<!DOCTYPE html>\n" + element("html", head, element("body", main), lang="en") + "\n"
