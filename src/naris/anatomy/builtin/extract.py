@@ -9,6 +9,14 @@ from scipy import ndimage
 from naris.anatomy.builtin.implicit import Field, Grid
 from naris.errors import InputError
 
+_REACH_MM = 1.5
+_SIGMA_MM = 0.5
+
+
+def softened(field: Field, spacing_mm: float) -> Field:
+    """The field without films of air or tissue that are too thin for the grid, and with softer edges."""
+    return ndimage.gaussian_filter(np.clip(field, -_REACH_MM, _REACH_MM), _SIGMA_MM / spacing_mm, truncate=3.0)
+
 
 def only_lumen(field: Field) -> Field:
     """The field with its largest connected lumen alone, without tissue that floats in it.

@@ -22,8 +22,9 @@ from naris.anatomy.builtin.walls import Walls, cavity, walls_of
 LEFT, RIGHT = 1, -1
 _MARGIN_MM = 2.4
 _MEDIAL_REACH_MM = 8.0
-_WAVELENGTHS_MM = (11.0, 5.0)
-_AMPLITUDES = (0.8, 0.45)
+_LEAST_SEPTAL_GAP_MM = 1.1
+_WAVELENGTHS_MM = (12.0, 6.0, 3.2)
+_AMPLITUDES = (0.75, 0.45, 0.15)
 
 
 def grid_for(p: NoseParameters, at: Layout, resolution_mm: float) -> Grid:
@@ -43,6 +44,7 @@ def grid_for(p: NoseParameters, at: Layout, resolution_mm: float) -> Grid:
 
 
 def turbinates_of(p: NoseParameters, at: Layout, walls: Walls, grid: Grid) -> tuple[Turbinate, ...]:
+    """Inferior, middle and superior turbinate of the side that the walls belong to."""
     wall = WallReader(walls, grid)
     return inferior_turbinate(p, at, wall), middle_turbinate(p, at, wall), superior_turbinate(p, at, wall)
 
@@ -54,6 +56,11 @@ def side_field(p: NoseParameters, at: Layout, side: int, grid: Grid, rng: np.ran
     for turbinate in turbinates_of(p, at, walls, grid):
         wobble = _wobble(grid.y_mm, p.irregularity_mm, rng)
         body, window = turbinate_field(turbinate, grid, wobble)
+        # No turbinate touches the septum: the common meatus stays open from floor to roof.
+        beside_septum = (
+            walls.medial_mm[None, window[1], window[2]] + np.float32(_LEAST_SEPTAL_GAP_MM) - grid.x[window[0]]
+        )
+        body = smooth_max(body, beside_septum, 1.0)
         lumen[window] = smooth_min(lumen[window], body, 1.1)
     return lumen
 
@@ -81,4 +88,4 @@ def _wobble(y_mm: Float[np.ndarray, "ny"], amplitude_mm: float, rng: np.random.G
     for wavelength in (40.0, 22.0, 13.0, 9.0):
         phase = rng.uniform(0, 2 * np.pi, 2)
         total += (wavelength / 40) ** 0.7 * np.sin(2 * np.pi * y_mm[:, None] / wavelength + phase)
-    return total * amplitude_mm
+    return 0.7 * amplitude_mm * total

@@ -58,10 +58,11 @@ class Grid:
         return Grid(self.x_mm[window[0]], self.y_mm[window[1]], self.z_mm[window[2]], self.spacing_mm)
 
 
-def smooth_min(a: np.ndarray, b: np.ndarray, k_mm: float) -> np.ndarray:
+def smooth_min(a: np.ndarray, b: np.ndarray, k_mm: Number | np.ndarray) -> np.ndarray:
     """The smaller of both, rounded where they differ by less than `k_mm` (quadratic; Quilez, "smooth minimum")."""
-    h = np.maximum(k_mm - np.abs(a - b), 0.0) / np.float32(k_mm)
-    return np.minimum(a, b) - h * h * np.float32(k_mm * 0.25)
+    k = np.asarray(k_mm, dtype=np.float32)
+    h = np.maximum(k - np.abs(a - b), 0) / k
+    return np.minimum(a, b) - h * h * (k * np.float32(0.25))
 
 
 def smooth_max(a: np.ndarray, b: np.ndarray, k_mm: float) -> np.ndarray:
@@ -70,6 +71,7 @@ def smooth_max(a: np.ndarray, b: np.ndarray, k_mm: float) -> np.ndarray:
 
 
 def smooth_min_of(k_mm: float, *several: np.ndarray) -> np.ndarray:
+    """The smallest of several, rounded pairwise in their order."""
     return reduce(lambda a, b: smooth_min(a, b, k_mm), several)
 
 

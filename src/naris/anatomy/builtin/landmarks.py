@@ -1,34 +1,45 @@
-"""Named points of the built-in nose, and the ends of its passages."""
+"""Named points of the built-in nose."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
 
+from naris.anatomy.builtin.implicit import Field, Grid
 from naris.anatomy.builtin.layout import Y_TIP_MM, Z_FLOOR_MM, Layout
 from naris.anatomy.builtin.parameters import NoseParameters
 from naris.anatomy.builtin.walls import lateral_wall_mm, septum_centre_mm, septum_thickness_mm
+from naris.errors import InputError
 
 Point = Float[np.ndarray, "3"]
 SIDES = {"left": 1, "right": -1}
+ON_THE_WALL = ("anterior tip", "posterior wall", "nasal floor")
+_SEARCH_MM = 2.0
 
 
-def landmarks_mm(p: NoseParameters, at: Layout) -> dict[str, Point]:
-    """Points in mm in the frame of the nose: on its surface, or in the lumen for names that end in `centre`."""
+def landmarks_mm(p: NoseParameters, at: Layout, clearance_mm: Field, grid: Grid) -> dict[str, Point]:
+    """Points in mm in the frame of the nose, those of a side called `left.` or `right.`.
+
+    Those in `ON_THE_WALL` lie near the mucosa as the parameters say; all others in the middle of the air around there.
+
+    Raises:
+        InputError: if there is no air at one of them.
+    """
     z = Z_FLOOR_MM
     points = {
         "anterior tip": np.array([0.0, Y_TIP_MM, z - 4]),
         "posterior wall": np.array([0.0, at.y_posterior_wall, z + 0.4 * p.choana_height_mm]),
-        "nasopharynx centre": np.array([0.0, at.y_choana + 0.5 * p.nasopharynx_depth_mm, z + 0.4 * p.choana_height_mm]),
+        "nasopharynx": np.array([0.0, at.y_choana + 0.5 * p.nasopharynx_depth_mm, z + 0.4 * p.choana_height_mm]),
     }
     for name, side in SIDES.items():
-        points |= {f"{name} {what}": point for what, point in _of_side(p, at, side).items()}
-    return {name: np.asarray(point, dtype=np.float64) for name, point in points.items()}
+        points |= {f"{name}.{what}": point for what, point in _of_side(p, at, side).items()}
+    return {
+        name: point if name.endswith(ON_THE_WALL) else _roomiest(point, clearance_mm, grid, name)
+        for name, point in points.items()
+    }
 
 
 def _of_side(p: NoseParameters, at: Layout, side: int) -> dict[str, Point]:
-    z = Z_FLOOR_MM
-
     def medial(y: float, height: float, out_mm: float) -> Point:
         """A point that lies `out_mm` lateral to the septal mucosa."""
         level = at.z_at(height)
@@ -43,21 +54,32 @@ def _of_side(p: NoseParameters, at: Layout, side: int) -> dict[str, Point]:
         return np.array([side * (u - in_mm), y, level])
 
     middle_y = at.y_middle_head + 0.35 * (at.y_middle_tail - at.y_middle_head)
-    inferior_y = at.y_inferior_head + 0.55 * (at.y_inferior_tail - at.y_inferior_head)
-    eustachian_y = at.y_choana + 0.5 * p.nasopharynx_depth_mm
+    inferior_y = at.y_inferior_head + 0.5 * (at.y_inferior_tail - at.y_inferior_head)
+    tube_y, tube_z = at.y_choana + 0.45 * p.nasopharynx_depth_mm, Z_FLOOR_MM + 0.34 * p.choana_height_mm
+    low = 0.5 * p.inferior_floor_gap_mm + 0.5
     return {
-        "nostril centre": np.array(
-            [side * (p.columella_width_mm + p.nostril_width_mm) / 2, at.y_nostril, at.z_nostril + 1.5]
-        ),
-        "valve centre": medial(at.y_valve, 8.0, 2.2),
-        "common meatus centre": medial(inferior_y, 9.0, p.common_meatus_width_mm / 2),
+        "nostril": np.array([side * (p.columella_width_mm + p.nostril_width_mm) / 2, at.y_nostril, at.z_nostril + 2]),
+        "valve": medial(at.y_valve, 7.0, 2.5),
         "nasal floor": medial(at.y_inferior_head + 20, 0.0, 5.0),
-        "inferior meatus centre": lateral(inferior_y, 9.0, 1.8),
-        "middle meatus centre": lateral(middle_y, 21.5, 1.6),
-        "superior meatus centre": medial(at.y_superior_tail - 1, 31.0, 1.3),
-        "olfactory cleft centre": medial(at.y_superior_head, 37.0, p.olfactory_cleft_width_mm / 2),
-        "choana centre": medial(at.y_choana - 1, 0.45 * p.choana_height_mm, p.choana_width_mm / 2),
-        "eustachian opening": np.array(
-            [side * (p.nasopharynx_width_mm / 2 - 2), eustachian_y, z + 0.34 * p.choana_height_mm]
-        ),
+        "common meatus": medial(inferior_y, 7.0, 0.5 * p.common_meatus_width_mm),
+        "inferior meatus entrance": medial(inferior_y - 4, low, p.common_meatus_width_mm + p.inferior_thickness_mm / 2),
+        "inferior meatus": lateral(inferior_y, 10.0, 1.8),
+        "middle meatus": lateral(middle_y, 20.0, 2.6),
+        "olfactory approach": medial(middle_y, 26.0, 0.5 * p.middle_olfactory_gap_mm),
+        "superior meatus": medial(at.y_superior_tail - 1, 31.0, 1.6),
+        "olfactory cleft": medial(at.y_superior_head, 37.0, 0.5 * p.olfactory_cleft_width_mm),
+        "choana": medial(at.y_choana - 1, 0.45 * p.choana_height_mm, 0.5 * p.choana_width_mm),
+        "eustachian opening": np.array([side * (p.nasopharynx_width_mm / 2 - 3.5), tube_y, tube_z]),
     }
+
+
+def _roomiest(point_mm: Point, clearance_mm: Field, grid: Grid, name: str) -> Point:
+    """The node with the most clearance within `_SEARCH_MM` along each axis."""
+    low, high = point_mm - _SEARCH_MM, point_mm + _SEARCH_MM
+    window = grid.window(tuple(low.tolist()), tuple(high.tolist()))
+    near = clearance_mm[window]
+    if not near.size or near.max() <= 0:
+        raise InputError(f"air at the {name}", "a nose that is closed there", "widen the passages")
+    best = np.unravel_index(int(near.argmax()), near.shape)
+    axes = (grid.x_mm, grid.y_mm, grid.z_mm)
+    return np.array([axis[s][i] for axis, s, i in zip(axes, window, best, strict=True)], dtype=np.float64)

@@ -15,11 +15,18 @@ Z_FLOOR_MM = -18.0
 NOSTRIL_BELOW_FLOOR_MM = 9.5
 _VALVE_ABOVE_FLOOR_MM = 4.0
 _NOMINAL_HEIGHT_MM = 43.0
+_LEAST_SPAN_MM = 18.0
+_LEAST_VESTIBULE_MM = 2.0
+_LEAST_ATRIUM_MM = 3.0
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Positions in mm; names beginning with `y_` and `z_` are coordinates of the frame."""
+    """Positions in mm; names beginning with `y_` and `z_` are coordinates of the frame.
+
+    What does not fit is moved or cut: the valve lies at least 2 mm behind the sill, the head of the inferior turbinate
+    at least 3 mm behind the valve, and the turbinates end at the choana or the face of the sphenoid.
+    """
 
     y_nostril: float
     y_sill: float
@@ -51,20 +58,23 @@ def layout_of(p: NoseParameters) -> Layout:
     z_nostril = Z_FLOOR_MM - NOSTRIL_BELOW_FLOOR_MM
     y_nostril = Y_TIP_MM + p.nostril_length_mm / 2
     rise_mm = NOSTRIL_BELOW_FLOOR_MM + _VALVE_ABOVE_FLOOR_MM
-    y_valve = y_nostril + math.sqrt(max(p.valve_distance_mm**2 - rise_mm**2, 6.0**2))
-    y_inferior_head = y_nostril + math.sqrt(max(p.inferior_head_distance_mm**2 - (rise_mm + 3) ** 2, 8.0**2))
+    y_sill = Y_TIP_MM + p.nostril_length_mm
+    y_valve = y_nostril + math.sqrt(max(p.valve_distance_mm**2 - rise_mm**2, 0.0))
+    y_valve = max(y_valve, y_sill + _LEAST_VESTIBULE_MM)
+    y_inferior_head = y_nostril + math.sqrt(max(p.inferior_head_distance_mm**2 - (rise_mm + 3) ** 2, 0.0))
+    y_inferior_head = max(y_inferior_head, y_valve + _LEAST_ATRIUM_MM)
     y_choana = Y_TIP_MM + p.cavity_length_mm
     y_middle_head = y_inferior_head + p.middle_head_setback_mm
     y_sphenoid = y_choana - 7.0
     layout = Layout(
         y_nostril=y_nostril,
-        y_sill=Y_TIP_MM + p.nostril_length_mm,
+        y_sill=y_sill,
         y_valve=y_valve,
         y_inferior_head=y_inferior_head,
         y_inferior_tail=min(y_inferior_head + p.inferior_length_mm, y_choana + 0.5),
         y_middle_head=y_middle_head,
         y_middle_tail=min(y_middle_head + p.middle_length_mm, y_choana - 1.5),
-        y_superior_head=y_sphenoid - 0.5 - p.superior_length_mm,
+        y_superior_head=max(y_sphenoid - 0.5 - p.superior_length_mm, y_middle_head + 8),
         y_superior_tail=y_sphenoid - 0.5,
         y_sphenoid_face=y_sphenoid,
         y_choana=y_choana,
@@ -73,24 +83,16 @@ def layout_of(p: NoseParameters) -> Layout:
         z_roof=Z_FLOOR_MM + p.cavity_height_mm,
         height_scale=p.cavity_height_mm / _NOMINAL_HEIGHT_MM,
     )
-    _require_order(layout)
+    _require_room(layout)
     return layout
 
 
-def _require_order(layout: Layout) -> None:
-    """Refuses a nose whose parts overlap along y."""
-    order = (
-        ("the sill of the nostril", layout.y_sill, 0.5),
-        ("the nasal valve", layout.y_valve, 2.0),
-        ("the head of the inferior turbinate", layout.y_inferior_head, 3.0),
-        ("the head of the middle turbinate", layout.y_middle_head, 8.0),
-        ("the head of the superior turbinate", layout.y_superior_head, 6.0),
-        ("the face of the sphenoid", layout.y_sphenoid_face, 0.0),
-    )
-    for (before, y_before, room), (after, y_after, _) in zip(order[:-1], order[1:], strict=True):
-        if y_after < y_before + room:
-            raise InputError(
-                f"{after} at least {room:g} mm behind {before}",
-                f"{y_after - y_before:.1f} mm",
-                "change the parameters that place them",
-            )
+def _require_room(layout: Layout) -> None:
+    """Refuses a nose with no room for its turbinates."""
+    span_mm = layout.y_sphenoid_face - layout.y_middle_head
+    if span_mm < _LEAST_SPAN_MM:
+        raise InputError(
+            f"at least {_LEAST_SPAN_MM:g} mm from the head of the middle turbinate to the face of the sphenoid",
+            f"{span_mm:.1f} mm",
+            "lengthen the cavity or move the heads of the turbinates forwards",
+        )

@@ -8,7 +8,7 @@ from naris.anatomy.builtin.implicit import Field, Grid, bump, profile, smooth_ma
 from naris.anatomy.builtin.layout import Z_FLOOR_MM, Layout
 from naris.anatomy.builtin.parameters import NoseParameters
 
-PALATE_DROP_MM = 9.0
+PALATE_DROP_MM = 14.0
 """How far below the nasal floor the nasopharynx is closed off, behind the soft palate."""
 
 
@@ -29,12 +29,14 @@ def nasopharynx(p: NoseParameters, at: Layout, grid: Grid) -> Field:
     floor = profile(
         [
             (at.y_choana - 2, Z_FLOOR_MM + 0.4),
-            (at.y_choana + 0.3 * depth, Z_FLOOR_MM - 1.0),
-            (at.y_choana + 0.65 * depth, Z_FLOOR_MM - 5.5),
-            (back - 2, Z_FLOOR_MM - PALATE_DROP_MM - 4),
+            (at.y_choana + 0.25 * depth, Z_FLOOR_MM - 0.6),
+            (at.y_choana + 0.5 * depth, Z_FLOOR_MM - 4.0),
+            (at.y_choana + 0.7 * depth, Z_FLOOR_MM - 10.5),
+            (at.y_choana + 0.8 * depth, Z_FLOOR_MM - PALATE_DROP_MM - 3),
         ],
         y,
     )
+    steep = np.sqrt(1 + np.gradient(floor, grid.spacing_mm) ** 2).astype(np.float32)
     choana = p.septum_thickness_mm / 2 + p.choana_width_mm
     half = (
         profile(
@@ -55,13 +57,13 @@ def nasopharynx(p: NoseParameters, at: Layout, grid: Grid) -> Field:
     posterior = back - lean - pad - grid.y
     front = grid.y - (at.y_choana - 0.5 + 0.15 * (grid.z - Z_FLOOR_MM))
     lumen = smooth_min_of(
-        5.0,
+        6.0,
         lateral.astype(np.float32),
         posterior.astype(np.float32),
         (roof[None, :, None] - grid.z).astype(np.float32),
     )
-    lumen = smooth_min(lumen, (0.9 * (grid.z - floor[None, :, None])).astype(np.float32), 3.0)
-    lumen = smooth_min(lumen, (grid.z - (Z_FLOOR_MM - PALATE_DROP_MM) + 0 * width).astype(np.float32), 2.0)
+    lumen = smooth_min(lumen, ((grid.z - floor[None, :, None]) / steep[None, :, None]).astype(np.float32), 5.0)
+    lumen = smooth_min(lumen, (grid.z - (Z_FLOOR_MM - PALATE_DROP_MM) + 0 * width).astype(np.float32), 4.0)
     return smooth_min(lumen, front.astype(np.float32), 1.5)
 
 

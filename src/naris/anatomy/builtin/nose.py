@@ -5,22 +5,26 @@ from __future__ import annotations
 from dataclasses import asdict
 
 import numpy as np
+from scipy import ndimage
 
-from naris.anatomy.builtin.extract import only_lumen, surface, taubin
+from naris.anatomy.builtin.extract import only_lumen, softened, surface, taubin
 from naris.anatomy.builtin.field import grid_for, lumen_field
 from naris.anatomy.builtin.landmarks import landmarks_mm
 from naris.anatomy.builtin.layout import layout_of
 from naris.anatomy.builtin.parameters import NoseParameters
 from naris.anatomy.builtin.regions import anatomical_regions
-from naris.anatomy.builtin.routes import find_routes
+from naris.anatomy.builtin.routes import routes
+from naris.anatomy.distance import signed_distance
+from naris.anatomy.passages import find_passages
 from naris.anatomy.regions import paper_slabs
 from naris.core.anatomy import Anatomy
 from naris.errors import InputError
 
 FRAME = "LPS"
 NAME = "built-in nose"
-RESOLUTION_MM = 0.6
+RESOLUTION_MM = 0.65
 _RESOLUTION_LIMITS_MM = (0.25, 1.0)
+_PASSAGE_SPACING_MM = 1.0
 _SMOOTHING_STEPS = 4
 _PASS_BAND = (0.50, -0.53)
 
@@ -47,11 +51,12 @@ def built_in_nose(parameters: NoseParameters = NoseParameters(), *, resolution_m
         raise InputError(f"a resolution between {low} and {high} mm", f"{resolution_mm}", "use about 0.6 mm")
     at = layout_of(parameters)
     grid = grid_for(parameters, at, resolution_mm)
-    lumen = only_lumen(lumen_field(parameters, at, grid))
+    lumen = only_lumen(softened(lumen_field(parameters, at, grid), resolution_mm))
     vertices, faces = surface(lumen, grid)
     vertices = taubin(vertices, faces, _SMOOTHING_STEPS, _PASS_BAND)
-    landmarks = landmarks_mm(parameters, at)
-    return Anatomy(
+    clearance = ndimage.distance_transform_edt(lumen > 0, sampling=resolution_mm).astype(np.float32)
+    landmarks = landmarks_mm(parameters, at, clearance, grid)
+    anatomy = Anatomy(
         vertices_mm=vertices,
         faces=faces,
         frame=FRAME,
@@ -61,9 +66,10 @@ def built_in_nose(parameters: NoseParameters = NoseParameters(), *, resolution_m
             "paper": paper_slabs(FRAME),
             "anatomical": anatomical_regions(parameters, at, lumen, grid, FRAME),
         },
-        passages=find_routes(lumen, grid, landmarks),
         landmarks_mm=landmarks,
     )
+    distance = signed_distance(anatomy, _PASSAGE_SPACING_MM)
+    return anatomy.with_(passages=find_passages(anatomy, distance, routes(landmarks)))
 
 
 def _told(parameters: NoseParameters) -> str:

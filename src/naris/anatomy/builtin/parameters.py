@@ -41,8 +41,9 @@ def _measured(
     unit: str = "mm",
 ) -> Any:
     """A dataclass field with its `NormalRange` as metadata."""
-    ends = (float(end) for end in (*normal, *accepted))
-    return field(default=float(default), metadata={"range": NormalRange(*ends, unit, meaning, source)})
+    low, high, minimum, maximum = (float(end) for end in (*normal, *accepted))
+    measured = NormalRange(low, high, minimum, maximum, unit, meaning, source)
+    return field(default=float(default), metadata={"range": measured})
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class NoseParameters:
         16.5, (13, 19), (11, 22), "midline to the lateral wall of the inferior meatus", f"{LANG}; approximate"
     )
     middle_meatus_half_width_mm: float = _measured(
-        13.2, (10, 15), (9, 17), "midline to the lateral wall of the middle meatus", f"{LANG}; approximate"
+        14.4, (11, 16), (10, 18), "midline to the lateral wall of the middle meatus", f"{LANG}; approximate"
     )
     # Nostril, vestibule and valve
     nostril_length_mm: float = _measured(
@@ -148,7 +149,7 @@ class NoseParameters:
         15, (11, 18), (9, 20), "root to lower border of the inferior turbinate", f"{LANG}; approximate"
     )
     inferior_floor_gap_mm: float = _measured(
-        2.6, (1, 4), (0.8, 6), "lower border of the inferior turbinate to the floor", f"{LANG}; approximate"
+        3.3, (1, 5), (0.8, 6), "lower border of the inferior turbinate to the floor", f"{LANG}; approximate"
     )
     common_meatus_width_mm: float = _measured(
         3.4,
@@ -165,10 +166,10 @@ class NoseParameters:
         37, (32, 45), (28, 50), "length of the middle turbinate", f"{LANG}; approximate"
     )
     middle_thickness_mm: float = _measured(
-        5.4, (4, 8), (3, 10), "thickest part of the middle turbinate", "Joe, Ho, Yanagisawa 2000, Laryngoscope 110:229"
+        5.0, (4, 8), (3, 10), "thickest part of the middle turbinate", "Joe, Ho, Yanagisawa 2000, Laryngoscope 110:229"
     )
     middle_olfactory_gap_mm: float = _measured(
-        2.6, (1, 4), (0.8, 6), "septum to the body of the middle turbinate (decongested)", f"{LANG}; approximate"
+        2.5, (1, 4), (0.8, 6), "septum to the body of the middle turbinate (decongested)", f"{LANG}; approximate"
     )
     # Superior turbinate, olfactory cleft
     superior_length_mm: float = _measured(

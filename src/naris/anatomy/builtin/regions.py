@@ -43,7 +43,7 @@ def label_points(p: NoseParameters, at: Layout, grid: Grid) -> Int[np.ndarray, "
     part[np.broadcast_to((height >= MIDDLE_TO_SUPERIOR) & (y >= at.y_middle_head - 1), grid.shape)] = 4
     behind = (height < MIDDLE_TO_SUPERIOR) & (y >= at.y_choana - _POSTERIOR_MM)
     part[np.broadcast_to(behind, grid.shape)] = 5
-    part[np.broadcast_to(y < at.y_valve - 1, grid.shape)] = 0
+    part[np.broadcast_to(y < at.y_valve - 2.5, grid.shape)] = 0
     labels = np.where(left, part, part + len(OF_A_SIDE))
     labels[np.broadcast_to(y > at.y_choana + 0.15 * (grid.z - Z_FLOOR_MM), grid.shape)] = 2 * len(OF_A_SIDE)
     return labels

@@ -72,22 +72,24 @@ def _lateral_table(p: NoseParameters, at: Layout) -> tuple[list[float], list[flo
     slope = math.tan(math.radians(p.valve_angle_deg))
     valve = [top + max(0.0, 25 - h) * slope * (1.0 if h > 6 else 1.0 - 0.05 * (6 - h)) for h in heights]
     cleft = p.septum_thickness_mm / 2 + p.olfactory_cleft_width_mm
-    aditus = [0.52 * low, 0.58 * low, 0.60 * low, 0.61 * low, 0.6 * low, 0.57 * low, 0.52 * low, 0.46 * low]
-    head = [0.7 * low, 0.75 * low, 0.80 * low, 0.86 * low, 0.86 * low, 0.82 * low, 0.74 * low, 0.66 * low]
-    belly = [0.8 * low, 0.84 * low, 0.92 * low, 0.99 * low, 1.0 * low, 0.95 * low, 0.5 * (low + mid), mid]
-    back = [0.75 * low, 0.78 * low, 0.85 * low, 0.92 * low, 0.93 * low, 0.9 * low, 0.45 * (low + mid), 0.96 * mid]
     choana = p.septum_thickness_mm / 2 + p.choana_width_mm
+    span = at.y_sphenoid_face - at.y_middle_head
+    aditus = [low * f for f in (0.52, 0.55, 0.56, 0.57, 0.56, 0.53, 0.50, 0.45, 0.38, 0.29)]
+    head = [low * f for f in (0.66, 0.69, 0.70, 0.70, 0.69, 0.67, 0.63, 0.57, 0.49, 0.38)]
+    belly = [low * f for f in (0.80, 0.84, 0.92, 0.99, 1.00, 0.96)] + [0.5 * (low + mid)]
+    back = [low * f for f in (0.75, 0.78, 0.85, 0.92, 0.93, 0.90)] + [0.48 * (low + mid)]
     rows = [
         (Y_TIP_MM, [0.62 * alar + u for u in (0, 0, -0.2, -0.8, -1.5, -2, -2.4, -2.6, -2.8, -2.9, -3, -3)]),
-        (at.y_nostril, [alar + u for u in (0, 0.6, 0.4, -0.8, -2.4, -3.8, -4.9, -5.7, -6.2, -6.4, -6.5, -6.5)]),
-        (at.y_sill, [alar + u for u in (-0.6, 0.9, 1.0, 0.2, -1.6, -3.4, -4.8, -5.6, -6.2, -6.5, -6.6, -6.6)]),
+        (at.y_nostril, [alar + u for u in (0, 0.7, 0.5, -0.9, -2.9, -4.4, -5.4, -6.0, -6.4, -6.6, -6.7, -6.7)]),
+        (at.y_sill, [alar + u for u in (-0.6, 1.0, 0.9, -0.7, -3.0, -4.7, -5.6, -6.2, -6.6, -6.8, -7, -7)]),
         (at.y_valve, valve),
-        (at.y_inferior_head - 1, [*aditus, 0.40 * low, 0.29 * low, 0.24 * low, cleft + 0.6]),
-        (at.y_inferior_head + 6, [*head, 0.57 * low, 0.46 * low, 0.35 * low, cleft + 1.0]),
-        (at.y_middle_head + 6, [*belly, mid - 0.4, 0.78 * mid, cleft + 3.0, cleft + 0.9]),
-        (at.y_middle_head + 16, [*belly, mid, 0.85 * mid, cleft + 3.4, cleft + 0.8]),
-        (at.y_sphenoid_face - 6, [*belly, 0.98 * mid, 0.86 * mid, 0.68 * mid, cleft + 1.2]),
-        (at.y_sphenoid_face, [*back, 0.9 * mid, 0.8 * mid, 0.66 * mid, cleft + 2.0]),
+        (at.y_inferior_head - 1, [*aditus, cleft + 0.8, cleft]),
+        (at.y_inferior_head + 5, [*head, cleft + 1.2, cleft]),
+        (at.y_middle_head + 0.19 * span, [*belly, 0.93 * mid, 0.92 * mid, 0.64 * mid, cleft + 1.4, cleft + 0.5]),
+        (at.y_middle_head + 0.47 * span, [*belly, mid, mid, 0.70 * mid, cleft + 1.6, cleft + 0.5]),
+        (at.y_middle_head + 0.64 * span, [*belly, mid, mid, 0.76 * mid, cleft + 1.9, cleft + 0.5]),
+        (at.y_middle_head + 0.84 * span, [*belly, mid, 0.98 * mid, 0.86 * mid, 0.64 * mid, cleft + 1.2]),
+        (at.y_sphenoid_face, [*back, 0.96 * mid, 0.92 * mid, 0.82 * mid, 0.68 * mid, cleft + 2.0]),
         (at.y_choana, [choana + u for u in (-1.2, -1, -0.4, 0, 0, -0.2, -0.8, -1.6, -2.6, -4, -5, -6)]),
     ]
     return [y for y, _ in rows], heights, np.array([values for _, values in rows])
@@ -102,8 +104,8 @@ def lateral_wall_mm(p: NoseParameters, at: Layout, y_mm: np.ndarray, z_mm: np.nd
     head = at.y_middle_head
     agger = 1.6 * bump(y, head - 2, 3.5) * bump(height, 34, 4)
     ridge = 20 + 1.3 * (head + 10 - y)
-    uncinate = 1.5 * bump(height, ridge, 2.2) * step(y, head - 1, head + 3) * step(y, head + 12, head + 8)
-    bulla = 2.0 * bump(y, head + 13, 3.4) * bump(height, 26, 3.4)
+    uncinate = 1.7 * bump(height, ridge, 1.5) * step(y, head - 1, head + 3) * step(y, head + 12, head + 8)
+    bulla = 2.6 * bump(y, head + 14.5, 3.0) * bump(height, 27.5, 3.0)
     return (wall - agger - uncinate - bulla).astype(np.float32)
 
 
@@ -124,17 +126,18 @@ def floor_and_roof_mm(p: NoseParameters, at: Layout, y_mm: np.ndarray) -> tuple[
         y_mm,
     )
     arch = p.choana_height_mm
+    span = at.y_sphenoid_face - at.y_middle_head
     roof = profile(
         [
             (Y_TIP_MM - 1, at.z_nostril + 2),
             (Y_TIP_MM + 1.5, z - 1.0),
             (at.y_nostril, z + 8),
-            (at.y_sill, at.z_at(17)),
-            (at.y_valve, at.z_at(24.5)),
-            (at.y_inferior_head, at.z_at(33)),
-            (at.y_middle_head, at.z_at(40.5)),
-            (at.y_middle_head + 8, at.z_roof),
-            (at.y_sphenoid_face - 7, at.z_roof - 0.5),
+            (at.y_sill, at.z_at(21)),
+            (at.y_valve, at.z_at(27)),
+            (at.y_inferior_head, at.z_at(35)),
+            (at.y_middle_head, at.z_at(41)),
+            (at.y_middle_head + 0.25 * span, at.z_roof),
+            (at.y_sphenoid_face - 0.22 * span, at.z_roof - 0.5),
             (at.y_sphenoid_face - 2, at.z_roof - 3.5),
             (at.y_sphenoid_face + 1.5, max(at.z_roof - 11, z + arch + 3)),
             (at.y_choana - 1, z + arch + 0.8),
@@ -165,13 +168,25 @@ def cavity(p: NoseParameters, at: Layout, walls: Walls, grid: Grid) -> Field:
     floor = _level(grid.z - walls.floor_mm[None, :, None], walls.floor_mm, h)
     roof = _level(walls.roof_mm[None, :, None] - grid.z, walls.roof_mm, h)
     lumen = np.minimum(medial, lateral)
-    lumen = smooth_min(lumen, floor, 3.2)
-    lumen = smooth_min(lumen, roof, 1.2)
+    lumen = smooth_min(lumen, floor, 4.5)
+    lumen = smooth_min(lumen, _nostril(p, at, grid), 2.0)
+    arch_mm = 2.0 + 4.0 * step(grid.y, at.y_sphenoid_face - 6, at.y_choana - 2)
+    lumen = smooth_min(lumen, roof, arch_mm.astype(np.float32))
     plane = at.z_nostril + 0.14 * (at.y_sill - grid.y) - 0.05 * grid.x
     nostril = (grid.z - plane) + 0 * grid.y
     front = grid.y - Y_TIP_MM
     back = at.y_choana + 2.0 + 0.25 * (grid.z - Z_FLOOR_MM) - grid.y
     return smooth_min_of(1.0, lumen, nostril.astype(np.float32), front.astype(np.float32), back.astype(np.float32))
+
+
+def _nostril(p: NoseParameters, at: Layout, grid: Grid) -> Field:
+    """An oval tube whose axis leans towards the tip; far above the nostril it bounds nothing."""
+    half_u, half_y = p.nostril_width_mm / 2 + 0.3, p.nostril_length_mm / 2
+    off_u = grid.x - (p.columella_width_mm + p.nostril_width_mm) / 2 - 0.16 * (grid.y - at.y_nostril)
+    off_y = grid.y - at.y_nostril
+    oval = (1 - np.sqrt((off_u / half_u) ** 2 + (off_y / half_y) ** 2)) * min(half_u, half_y)
+    release = 12 * step(grid.z, at.z_nostril + 1.5, Z_FLOOR_MM + 4.0)
+    return (np.maximum(oval, -8) + release).astype(np.float32)
 
 
 def _upright(gap: Field, sheet: Sheet, h: float) -> Field:
