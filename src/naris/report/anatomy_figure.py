@@ -23,6 +23,7 @@ _OVERLAYS: dict[str, tuple[str, str]] = {
     "passage": ("passage", "passages (centrelines)"),
 }
 _FOLD_PX = 0.25
+_JUMP = 3
 
 
 def anatomy_figure(view: AnatomyView) -> Markup:
@@ -81,11 +82,20 @@ def _panel(
     ]
     parts += _borders(view, aspect, shot, corner, px_per_mm, height)
     for line in sorted(lines, key=lambda line: list(_OVERLAYS).index(line.role), reverse=True):
-        at = (aspect.flatten(line.points_mm) - shot.corner_mm) * px_per_mm + corner
-        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in _thinned(at))
-        parts.append(element("polyline", points=path, class_="halo"))
-        parts.append(element("polyline", points=path, class_=f"way {line.role}"))
+        for piece_mm in _pieces(line.points_mm):
+            at = (aspect.flatten(piece_mm) - shot.corner_mm) * px_per_mm + corner
+            path = " ".join(f"{x:.1f},{y:.1f}" for x, y in _thinned(at))
+            parts.append(element("polyline", points=path, class_="halo"))
+            parts.append(element("polyline", points=path, class_=f"way {line.role}"))
     return join(parts)
+
+
+def _pieces(points_mm: Float[np.ndarray, "n 3"]) -> list[Float[np.ndarray, "_ 3"]]:
+    """The line cut where it jumps: where a step is more than three times the usual one."""
+    steps = np.linalg.norm(np.diff(points_mm, axis=0), axis=1)
+    if not len(steps):
+        return [points_mm]
+    return np.split(points_mm, np.flatnonzero(steps > _JUMP * np.median(steps)) + 1)
 
 
 def _thinned(path_px: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:

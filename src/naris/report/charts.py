@@ -179,24 +179,22 @@ def pose_charts(entries: Sequence[tuple[str, str, PoseErrors]]) -> Markup:
 
 
 def neighbour_chart(data: ReportData, splits: Sequence[Split]) -> Markup:
-    """How far every test view lies from its nearest training view, in mm and in degrees, both logarithmic."""
-    mm = [np.maximum(split.nearest_mm, 0.05) for split in splits if split.nearest_mm is not None]
-    deg = [np.maximum(split.nearest_deg, 0.05) for split in splits if split.nearest_deg is not None]
-    x = Scale.logarithmic(
-        0.05, max(10.0, float(np.concatenate(mm).max())) * 1.1, "distance to the nearest training view (mm)"
-    )
-    y = Scale.logarithmic(0.05, max(30.0, float(np.concatenate(deg).max())) * 1.2, "angle between the two (degrees)")
-    axes = Axes(520, 340, x, y, margin=(58, 14, 14, 44))
-    marks = [axes.box(0.05, NEIGHBOUR_MM, 0.05, NEIGHBOUR_DEG, "band")]
-    marks.append(
-        axes.text(NEIGHBOUR_MM, 0.05, f"neighbours: within {NEIGHBOUR_MM:g} mm and {NEIGHBOUR_DEG:g}°", "end", rise=8)
-    )
+    """How far every test view lies from its nearest training view, in mm and in degrees."""
+    mm = [split.nearest_mm for split in splits if split.nearest_mm is not None]
+    deg = [split.nearest_deg for split in splits if split.nearest_deg is not None]
+    x = Scale.linear(0, max(4.0, float(np.concatenate(mm).max())), "distance to the nearest training view (mm)")
+    y = Scale.linear(0, max(30.0, float(np.concatenate(deg).max())), "angle between the two (degrees)")
+    axes = Axes(560, 340, x, y, margin=(58, 14, 14, 44))
+    marks = [axes.box(0, NEIGHBOUR_MM, 0, NEIGHBOUR_DEG, "band")]
     words = []
-    for split, across, turn in zip(splits, mm, deg, strict=True):
-        marks.append(axes.dots(across, turn, f"{series(data, split.key)} faint", radius=2.2))
+    for i, (split, across, turn) in enumerate(zip(splits, mm, deg, strict=True)):
+        # Splits may share their poses: later dots are smaller, so that earlier ones show around them.
+        marks.append(axes.dots(across, turn, f"{series(data, split.key)} faint", radius=3.8 - 0.9 * min(i, 2)))
         words.append(f"{split.label}, median {np.median(across):.2g} mm and {np.median(turn):.2g} degrees")
     alt = "Distance of test views to their nearest training view: " + "; ".join(words)
-    return join(axes.draw(alt, marks), legend([(series(data, split.key), split.label) for split in splits]))
+    entries = [(series(data, split.key), split.label) for split in splits]
+    within = f"within {NEIGHBOUR_MM:g} mm and {NEIGHBOUR_DEG:g}°: a neighbour"
+    return join(axes.draw(alt, marks), legend([*entries, ("band", within)]))
 
 
 def confusion_legend() -> Markup:
