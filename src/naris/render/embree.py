@@ -34,12 +34,12 @@ _SIGNATURES: dict[str, tuple[object, list[object]]] = {
     "rtcSetNewGeometryBuffer": (_POINTER, [_POINTER, ctypes.c_int, _UINT, ctypes.c_int, _SIZE, _SIZE]),
 }
 _TRIANGLES, _INDEX, _VERTEX, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003
-_VERSION, _NATIVE_RAY8, _NATIVE_RAY16 = 0, 33, 34
+_VERSION = 0
+_NATIVE_PROPERTY = ((16, 34), (8, 33), (4, 32))
+
 _HIGH_QUALITY = 2
 _FLAG_COHERENT = 1 << 16
 _FEATURE_TRIANGLE = 1 << 1
-PACKET_FIELDS = 24
-"""Four-byte fields of an `RTCRayHit8/16` (20, or 21 with instance arrays), rounded up."""
 
 
 class IntersectArguments(ctypes.Structure):
@@ -66,7 +66,7 @@ class Library:
     Attributes:
         functions: the shared library.
         device: address of its device.
-        width: rays in a packet, 16 where the processor has registers for it, or 8.
+        width: rays in a packet, 16 where the processor has registers for it, else 8 or 4.
     """
 
     functions: ctypes.CDLL
@@ -75,7 +75,7 @@ class Library:
 
     @property
     def intersect(self) -> int:
-        """Address of `rtcIntersect16` or `rtcIntersect8`."""
+        """Address of `rtcIntersect16`, `…8` or `…4`: no other than the device's own width may be called."""
         return ctypes.cast(getattr(self.functions, f"rtcIntersect{self.width}"), ctypes.c_void_p).value or 0
 
 
@@ -100,8 +100,10 @@ def library() -> Library:
     version = functions.rtcGetDeviceProperty(device, _VERSION)
     if version // 10000 != 4:
         raise EngineUnavailable("Embree 4", f"version {version}", "install embreex 4")
-    wide = functions.rtcGetDeviceProperty(device, _NATIVE_RAY16)
-    return Library(functions, device, 16 if wide else 8)
+    widths = [width for width, asked in _NATIVE_PROPERTY if functions.rtcGetDeviceProperty(device, asked)]
+    if not widths:
+        raise EngineUnavailable("an Embree with ray packets", "one without", "use engine numpy")
+    return Library(functions, device, widths[0])
 
 
 def _find() -> Path:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from naris.render.appearance import Appearance, Mucosa, TextureColours, Uniform
-from naris.render.instrument import Sensor
+from naris.render.instrument import Light, Sensor
 from naris.render.noise import VOXELS_PER_FEATURE, bank_index, noise_bank
 
 UNIFORM, VERTEX_COLOURS, MUCOSA, LIT_VERTICES = range(4)
@@ -31,7 +31,7 @@ _SCALARS = (
     "ambient_g ambient_b spot_ambient_r spot_ambient_g spot_ambient_b bounce constant linear quadratic "
     "wrap_r wrap_g wrap_b light_x light_y light_z vignette mask_radius mask_softness mask_x mask_y gain "
     "auto quantile target gain_low gain_high balance_r balance_g balance_b tap0 tap1 tap2 read_noise "
-    "shot_noise cutoff_deg edge_deg exponent "
+    "shot_noise cosine_cut "
 )
 LOOK = np.dtype(
     [("kind", "i4"), ("cull", "i4"), ("bank", "i4"), ("colours", "i4")] + [(n, "f4") for n in _SCALARS.split()]
@@ -125,8 +125,8 @@ def _pack_instrument(row: np.void, appearance: Appearance) -> None:
     for name in ("ambient", "spot_ambient", "wrap"):
         _put(row, name, getattr(light, name))
     _put(row, "light", light.diffuse)
-    for name in ("bounce", "cutoff_deg", "edge_deg", "exponent"):
-        row[name] = getattr(light, name)
+    row["bounce"] = light.bounce
+    row["cosine_cut"] = np.cos(np.deg2rad(light.cutoff_deg)) if light.cutoff_deg < 180 else -2
     row["constant"], row["linear"], row["quadratic"] = light.attenuation
     row["light_x"], row["light_y"], row["light_z"] = light.offset_mm
     row["vignette"] = optics.vignette
@@ -177,20 +177,14 @@ def _tones(sensors: Sequence[Sensor]) -> Float32[np.ndarray, "n tone"]:
 
 def _spots(appearances: Sequence[Appearance]) -> Float32[np.ndarray, "n spot"]:
     cosine = 1 - 2 * np.linspace(0, 1, SPOT_SIZE)
-    return np.stack(
-        [spot_strength(cosine, a.light.cutoff_deg, a.light.edge_deg, a.light.exponent) for a in appearances]
-    )
+    return np.stack([_spot(cosine, a.light) for a in appearances])
 
 
-def spot_strength(
-    cosine: Float[np.ndarray, "*n"], cutoff_deg: float, edge_deg: float, exponent: float
-) -> Float32[np.ndarray, "*n"]:
-    """Strength of a spot light at an angle to its axis; without a cone it also lights what lies behind it."""
-    strength = np.maximum(cosine, 0) ** exponent if exponent or cutoff_deg < 180 else np.ones_like(cosine)
-    if cutoff_deg >= 180:
-        return strength.astype(np.float32)
-    angle_deg = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
-    if edge_deg <= 0:
-        return (strength * (angle_deg <= cutoff_deg)).astype(np.float32)
-    t = np.clip((cutoff_deg - angle_deg) / edge_deg, 0, 1)
-    return (strength * t * t * (3 - 2 * t)).astype(np.float32)
+def _spot(cosine: Float[np.ndarray, "spot"], light: Light) -> Float32[np.ndarray, "spot"]:
+    """Strength at an angle to the axis, but for a sharp edge, which is no matter for a table."""
+    strength = np.maximum(cosine, 0) ** light.exponent if light.exponent else np.ones_like(cosine)
+    if light.cutoff_deg < 180 and light.edge_deg > 0:
+        angle_deg = np.rad2deg(np.arccos(cosine))
+        t = np.clip((light.cutoff_deg - angle_deg) / light.edge_deg, 0, 1)
+        strength = strength * t * t * (3 - 2 * t)
+    return strength.astype(np.float32)

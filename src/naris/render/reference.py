@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Float32, Int32, UInt8
 
 from naris.core.anatomy import Anatomy
 from naris.errors import EngineUnavailable
@@ -111,14 +111,10 @@ class NumpyEngine:
         return Hits(point, -world, distance, (normal * away).astype(np.float32), base.astype(np.float32), pixel)
 
     def _lit(self, looks: Looks, i: int, shot: Shot) -> Float32[np.ndarray, "2 v 3"]:
-        light = shot.appearances[i].light
-        camera = _light_place(shot, i, looks)
-        cone = (light.cutoff_deg, light.edge_deg, light.exponent)
-        return light_vertices(self.geometry.vertices_mm, self.geometry.vertex_normals, looks, i, camera, cone)
+        place = _light_place(shot, i, looks)
+        return light_vertices(self.geometry.vertices_mm, self.geometry.vertex_normals, looks, i, *place)
 
-    def _picture(
-        self, shot: Shot, i: int, looks: Looks, at: Int32[np.ndarray, "m"] | np.ndarray, hits: Hits
-    ) -> UInt8[np.ndarray, "h w 3"]:
+    def _picture(self, shot: Shot, i: int, looks: Looks, at: np.ndarray, hits: Hits) -> UInt8[np.ndarray, "h w 3"]:
         size = (shot.intrinsics.height, shot.intrinsics.width)
         light = np.zeros((size[0] * size[1], 3), np.float32)
         light[at] = radiance(hits, looks, i, *_light_place(shot, i, looks))
@@ -147,6 +143,3 @@ def public_scene(vertices_mm: Float32[np.ndarray, "v 3"], faces: Int32[np.ndarra
     scene = rtcore_scene.EmbreeScene()
     TriangleMesh(scene, vertices_mm, faces.astype(np.uint32))
     return scene
-
-
-__all__ = ["Bool", "NumpyEngine", "public_scene"]

@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, UInt8
+from jaxtyping import Float, Float32, Int, Int8, UInt8
 
 from naris.render.look import (
     LIT_VERTICES,
@@ -29,7 +29,7 @@ from naris.render.look import (
     UNIFORM,
     Looks,
 )
-from naris.render.noise import EDGE, white_noise
+from naris.render.noise import EDGE, STEPS, white_noise
 
 SHALLOWEST_COSINE = 0.05
 """n·v is never less: interpolated normals turn away from the camera at silhouettes and would leave black dots."""
@@ -95,7 +95,8 @@ def _lobe(cosine_squared: Float32[np.ndarray, "m"], alpha_squared: float) -> Flo
 
 def spot_light(looks: Looks, i: int, cosine: Float32[np.ndarray, "m"]) -> Float32[np.ndarray, "m"]:
     """Strength of the spot of frame i at an angle to its axis."""
-    return _table(looks.spot[i], (1 - cosine) * np.float32((SPOT_SIZE - 1) / 2))
+    inside = cosine >= looks.rows[i]["cosine_cut"]
+    return inside * _table(looks.spot[i], (1 - cosine) * np.float32((SPOT_SIZE - 1) / 2))
 
 
 def _table(table: Float32[np.ndarray, "n *c"], at: Float32[np.ndarray, "m"]) -> Float32[np.ndarray, "m *c"]:
@@ -138,19 +139,17 @@ def _line(
     return t * t * (3 - 2 * t) * (width / seen)
 
 
-def trilinear(volume: Float32[np.ndarray, "e e e 4"], at: Float32[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 4"]:
-    """A periodic volume between its voxels; coordinates in voxels, positive."""
+def trilinear(volume: Int8[np.ndarray, "e e e 4"], at: Float32[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 4"]:
+    """Four fields of a periodic volume between its voxels; coordinates in voxels, positive."""
     low = at.astype(np.int32)
     t = (at - low).astype(np.float32)
     x, y, z = (low & (EDGE - 1)).T
     x1, y1, z1 = ((low + 1) & (EDGE - 1)).T
     tx, ty, tz = (t[:, k, None] for k in range(3))
-    c00 = volume[x, y, z] + tz * (volume[x, y, z1] - volume[x, y, z])
-    c01 = volume[x, y1, z] + tz * (volume[x, y1, z1] - volume[x, y1, z])
-    c10 = volume[x1, y, z] + tz * (volume[x1, y, z1] - volume[x1, y, z])
-    c11 = volume[x1, y1, z] + tz * (volume[x1, y1, z1] - volume[x1, y1, z])
+    corners = [[volume[i, j, k].astype(np.float32) for k in (z, z1)] for i in (x, x1) for j in (y, y1)]
+    c00, c01, c10, c11 = (low_z + tz * (high_z - low_z) for low_z, high_z in corners)
     c0, c1 = c00 + ty * (c01 - c00), c10 + ty * (c11 - c10)
-    return c0 + tx * (c1 - c0)
+    return (c0 + tx * (c1 - c0)) * np.float32(1 / STEPS)
 
 
 def optics_weight(looks: Looks, i: int, height: int, width: int) -> Float32[np.ndarray, "h w"]:
@@ -168,9 +167,12 @@ def optics_weight(looks: Looks, i: int, height: int, width: int) -> Float32[np.n
 
 
 def metered(light: Float32[np.ndarray, "h w 3"], weight: Float32[np.ndarray, "h w"], quantile: float) -> float:
-    """The quantile of the luminance where the stop lets light through, from a histogram of its octaves; 0 if dark."""
-    luminance = light @ np.array(LUMINANCE, np.float32)
-    values = luminance[weight > 0]
+    """The quantile of the luminance where the stop lets light through, from a histogram of its octaves; 0 if dark.
+
+    Every second pixel of every second row is metered.
+    """
+    luminance = light[::2, ::2] @ np.array(LUMINANCE, np.float32)
+    values = luminance[weight[::2, ::2] > 0]
     base = (127 + METER_FIRST_OCTAVE) * METER_BINS_PER_OCTAVE
     bins = (values.view(np.int32) >> (23 - 5)) - base
     counts = np.bincount(np.clip(bins, 0, METER_BINS - 1), minlength=METER_BINS)
@@ -231,22 +233,16 @@ def light_vertices(
     normals: Float32[np.ndarray, "v 3"],
     looks: Looks,
     i: int,
-    camera: tuple[Float32[np.ndarray, "3"], Float32[np.ndarray, "3"]],
-    cone: tuple[float, float, float],
+    light_mm: Float32[np.ndarray, "3"],
+    axis: Float32[np.ndarray, "3"],
 ) -> Float32[np.ndarray, "2 v 3"]:
-    """Colours of the vertices lit as by OpenGL's fixed pipeline, clamped to 0–1: outside of the wall, then inside.
-
-    `camera` is the light's position in mm and its axis; `cone` is cut-off, edge (degrees) and exponent of the spot.
-    """
-    from naris.render.look import spot_strength
-
+    """Colours of the vertices lit as by OpenGL's fixed pipeline, clamped to 0–1: outside of the wall, then inside."""
     row = looks.rows[i]
     albedo = _rgb(row, "albedo") if row["colours"] < 0 else looks.colours[row["colours"]]
-    light_mm, axis = camera
     to_light = light_mm - vertices_mm
     r = np.maximum(np.linalg.norm(to_light, axis=-1), np.float32(1e-9))
     to_light = to_light / r[:, None]
-    spot = spot_strength(-(to_light @ axis), *cone)
+    spot = spot_light(looks, i, -(to_light @ axis))
     fall = spot / (row["constant"] + r * (row["linear"] + r * row["quadratic"]))
     cosine = (normals * to_light).sum(-1)
     sides = np.stack([np.maximum(cosine, 0), np.maximum(-cosine, 0)])[..., None]
@@ -264,16 +260,3 @@ def _xyz(row: np.void, name: str) -> Float32[np.ndarray, "3"]:
 
 def _unit(v: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), np.float32(1e-12))
-
-
-__all__ = [
-    "Bool",
-    "Hits",
-    "develop",
-    "light_vertices",
-    "metered",
-    "optics_weight",
-    "radiance",
-    "spot_light",
-    "trilinear",
-]
