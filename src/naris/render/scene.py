@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, Integer, UInt8
@@ -75,6 +75,7 @@ class Shot:
         return len(self.position_mm)
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Shoots rays and shades what they hit."""
 
