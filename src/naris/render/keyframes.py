@@ -25,7 +25,7 @@ SCHEMA = "naris.keyframes/1"
 UP = (0.0, 0.0, 1.0)
 """The original's camera stands upright: +z of the anatomy is up in every picture."""
 
-_UPRIGHT_RAD = 1e-3
+_UPRIGHT_RAD = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,9 +156,10 @@ def interpolate(keyframes: Keyframes, step_mm: float = 1.0) -> Trajectory:
 def up_of(poses: Pose) -> Float[np.ndarray, "*batch 3"]:
     """What is up for each camera: +z of the anatomy if that gives its very roll (as the original), else its own −y."""
     upright = Pose.look(poses.position_mm, poses.forward, np.array(UP), poses.target)
-    cosine = (upright.rotation[..., :, 1] * poses.rotation[..., :, 1]).sum(axis=-1)
-    same = np.arccos(np.clip(cosine, -1, 1)) < _UPRIGHT_RAD
-    return np.where(same[..., None], np.array(UP), -poses.rotation[..., :, 1])
+    down = poses.rotation[..., :, 1]
+    sine, cosine = ((upright.rotation[..., :, axis] * down).sum(axis=-1) for axis in (0, 1))
+    same = (np.abs(sine) < _UPRIGHT_RAD) & (cosine > 0)
+    return np.where(same[..., None], np.array(UP), -down)
 
 
 # --- the JSON file ------------------------------------------------------------------------------------------------

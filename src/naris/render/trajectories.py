@@ -7,7 +7,7 @@ between keyframes the camera goes straight in steps of 1 mm, and ten views are t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -29,6 +29,7 @@ _LAST_MM = 0.5
 _GRAZE_MM = 0.1
 
 
+@runtime_checkable
 class Jitter(Protocol):
     """How the views of one position differ."""
 

@@ -1,0 +1,97 @@
+"""Batches by number: the same bits, whoever asks, whenever."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from naris.core.camera import Intrinsics
+from naris.dataset.stream import MANY_SCOPES, Scopes, view_stream
+from naris.errors import InputError
+from naris.render.appearance import PAPER, TRAINING_APPEARANCE
+from naris.render.scene import Scene, render
+from naris.render.viewpoints import INSPECTION
+from tests.winding_tube import SLABS, winding_tube
+
+CAMERA = Intrinsics.from_vertical_fov(32, 32, 45.0)
+
+
+@pytest.fixture(scope="module")
+def stream():
+    return view_stream(Scene(winding_tube()), SLABS, INSPECTION, TRAINING_APPEARANCE, CAMERA, seed=3)
+
+
+def same(one, other) -> bool:
+    return all(
+        np.array_equal(a, b)
+        for a, b in (
+            (one.images, other.images),
+            (one.region, other.region),
+            (one.anatomy_T_camera.matrix, other.anatomy_T_camera.matrix),
+            (one.vertical_fov_deg, other.vertical_fov_deg),
+        )
+    )
+
+
+def test_a_batch_depends_on_seed_and_number_alone(stream) -> None:
+    first = stream.batch(5, 12)
+    stream.batch(2, 12)
+    assert same(first, stream.batch(5, 12))
+    assert same(first, replace(stream, threads=1).batch(5, 12))
+    fresh = view_stream(Scene(winding_tube()), SLABS, INSPECTION, TRAINING_APPEARANCE, CAMERA, seed=3)
+    assert same(first, fresh.batch(5, 12))
+    assert not same(first, stream.batch(6, 12))
+    assert not same(first, replace(stream, seed=4).batch(5, 12))
+
+
+def test_batches_ahead_are_those_of_one_by_one_in_order(stream) -> None:
+    ahead = list(stream.batches(range(3, 9), 8, ahead=3))
+    assert len(ahead) == 6
+    assert all(same(batch, stream.batch(3 + i, 8)) for i, batch in enumerate(ahead))
+
+
+def test_leaving_early_stops_the_thread(stream) -> None:
+    batches = stream.batches(iter(range(1000000)), 4)
+    assert same(next(batches), stream.batch(0, 4))
+    batches.close()
+
+
+def test_an_error_on_the_thread_reaches_the_caller(stream) -> None:
+    with pytest.raises(ValueError, match="negative"):
+        list(stream.batches([-1], 4))
+
+
+def test_the_pictures_are_those_of_the_poses(stream) -> None:
+    plain = replace(stream, appearance=PAPER)
+    batch = plain.batch(0, 8)
+    direct = render(stream.scene, batch.anatomy_T_camera, CAMERA, PAPER, want=("rgb",))
+    assert np.array_equal(batch.images, direct.rgb)
+    assert np.bincount(batch.region).tolist() == [2, 2, 2, 2]
+    assert (batch.region == SLABS.label(batch.anatomy_T_camera.position_mm)).all()
+    np.testing.assert_allclose(batch.vertical_fov_deg, 45.0)
+
+
+def test_appearances_differ_from_view_to_view(stream) -> None:
+    batch = stream.batch(0, 16)
+    colours = batch.images.reshape(16, -1, 3).mean(axis=1)
+    assert len(np.unique(colours.round(1), axis=0)) == 16
+
+
+def test_many_scopes_have_their_own_fields_of_view(stream) -> None:
+    """Groups of views share a camera within the asked range, and a wider one sees more of the same scene."""
+    many = replace(stream, scopes=replace(MANY_SCOPES, group=4), appearance=PAPER)
+    batch = many.batch(0, 24)
+    fov = batch.vertical_fov_deg.reshape(6, 4)
+    assert (fov == fov[:, :1]).all()
+    assert len(np.unique(fov[:, 0])) == 6
+    assert fov.min() >= 36
+    assert fov.max() <= 78
+    assert same(batch, many.batch(0, 24))
+
+
+def test_a_scope_of_impossible_numbers_is_refused() -> None:
+    for wrong in ({"vertical_fov_deg": (60.0, 50.0)}, {"vertical_fov_deg": (0.0, 50.0)}, {"shift": 0.7}, {"group": 0}):
+        with pytest.raises(InputError, match="fields of view"):
+            Scopes(**wrong)
