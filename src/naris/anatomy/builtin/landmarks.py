@@ -55,7 +55,7 @@ def _of_side(p: NoseParameters, at: Layout, side: int) -> dict[str, Point]:
 
     middle_y = at.y_middle_head + 0.35 * (at.y_middle_tail - at.y_middle_head)
     inferior_y = at.y_inferior_head + 0.5 * (at.y_inferior_tail - at.y_inferior_head)
-    tube_y, tube_z = at.y_choana + 0.45 * p.nasopharynx_depth_mm, Z_FLOOR_MM + 0.34 * p.choana_height_mm
+    tube_y, tube_z = at.y_choana + 0.4 * p.nasopharynx_depth_mm, Z_FLOOR_MM + 0.34 * p.choana_height_mm
     low = 0.5 * p.inferior_floor_gap_mm + 0.5
     return {
         "nostril": np.array([side * (p.columella_width_mm + p.nostril_width_mm) / 2, at.y_nostril, at.z_nostril + 2]),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from jaxtyping import Float
+
 from naris.anatomy.builtin.implicit import Field, Grid, bump, profile, smooth_max, smooth_min, smooth_min_of, tube
 from naris.anatomy.builtin.layout import Z_FLOOR_MM, Layout
 from naris.anatomy.builtin.parameters import NoseParameters
@@ -51,8 +53,9 @@ def nasopharynx(p: NoseParameters, at: Layout, grid: Grid) -> Field:
         - (3.0 * bump((z - Z_FLOOR_MM) / p.choana_height_mm, 1.0, 0.25))[None, None, :]
     )
     lateral = half - width
-    # adenoid pad: the posterior wall bulges in the midline, high up
-    pad = 1.6 * bump(grid.x, 0, 5.0) * bump(z, Z_FLOOR_MM + 0.62 * p.choana_height_mm, 6.0)[None, None, :]
+    # The adenoid pad: the posterior wall bulges in the midline, high up, in shallow folds.
+    folds = 1.0 + 0.22 * np.cos(2 * np.pi * (grid.x - 1.3) / 5.5)
+    pad = 1.8 * folds * bump(grid.x, 0, 5.5) * bump(z, Z_FLOOR_MM + 0.62 * p.choana_height_mm, 6.5)[None, None, :]
     lean = 0.10 * (z - Z_FLOOR_MM)[None, None, :]
     posterior = back - lean - pad - grid.y
     front = grid.y - (at.y_choana - 0.5 + 0.15 * (grid.z - Z_FLOOR_MM))
@@ -68,35 +71,45 @@ def nasopharynx(p: NoseParameters, at: Layout, grid: Grid) -> Field:
 
 
 def with_tubes(p: NoseParameters, at: Layout, grid: Grid, lumen: Field) -> Field:
-    """Adds on both sides the Eustachian opening and the torus that arches over it."""
+    """Adds on both sides the torus, the Eustachian opening in front of it and the pharyngeal recess behind it."""
     depth = p.nasopharynx_depth_mm
     half = p.nasopharynx_width_mm / 2
-    y, z = at.y_choana + 0.5 * depth, Z_FLOOR_MM + 0.36 * p.choana_height_mm
+    y, z = at.y_choana + 0.40 * depth, Z_FLOOR_MM + 0.36 * p.choana_height_mm
     r = p.torus_radius_mm
     for side in (-1, 1):
-        mouth = np.array(
-            [
-                (side * (half - 3.0), y - 1.0, z - 0.5, 1.9),
-                (side * (half + 1.5), y + 0.2, z + 1.0, 1.3),
-                (side * (half + 4.5), y + 1.4, z + 2.6, 0.5),
-            ]
-        )
-        arch = np.array(
-            [
-                (side * (half - 1.4), y - 0.28 * depth, z + 1.4, 0.45 * r),
-                (side * (half - 1.8), y - 0.10 * depth, z + 4.2, 0.7 * r),
-                (side * (half - 1.9), y + 0.10 * depth, z + 4.6, 0.95 * r),
-                (side * (half - 1.8), y + 0.24 * depth, z + 1.6, 1.0 * r),
-                (side * (half - 1.4), y + 0.26 * depth, z - 3.0, 0.8 * r),
-                (side * (half - 0.8), y + 0.24 * depth, z - 9.0, 0.5 * r),
-                (side * (half - 0.3), y + 0.22 * depth, z - 15.0, 0.3 * r),
-            ]
-        )
-        window = grid.window(
-            (min(side * (half - 10), side * (half + 8)), y - 14, z - 20),
-            (max(side * (half - 10), side * (half + 8)), y + 14, z + 14),
-        )
+        ends = sorted((side * (half - 11), side * (half + 8)))
+        window = grid.window((ends[0], y - 16, z - 22), (ends[1], y + 16, z + 18))
         part = grid.part(window)
-        piece = smooth_min(lumen[window], tube(part, arch), 2.0)
-        lumen[window] = smooth_max(piece, -tube(part, mouth), 1.2)
+        arch = [
+            (half - 1.0, y - 0.26 * depth, z + 1.0, 0.40 * r),
+            (half - 1.6, y - 0.12 * depth, z + 4.4, 0.65 * r),
+            (half - 2.2, y + 0.08 * depth, z + 5.2, 0.95 * r),
+            (half - 2.4, y + 0.22 * depth, z + 2.4, 1.05 * r),
+            (half - 2.0, y + 0.25 * depth, z - 2.6, 0.85 * r),
+            (half - 1.2, y + 0.23 * depth, z - 8.0, 0.55 * r),
+            (half - 0.3, y + 0.20 * depth, z - 15.0, 0.30 * r),
+        ]
+        mouth = [
+            (half - 2.8, y + 0.5, z + 1.2, 1.6),
+            (half - 2.4, y - 0.8, z - 1.6, 2.0),
+            (half + 0.8, y + 0.6, z + 0.2, 1.6),
+            (half + 3.0, y + 1.6, z + 1.8, 1.0),
+            (half + 5.0, y + 2.4, z + 3.0, 0.4),
+        ]
+        recess = [
+            (half - 2.2, y + 0.45 * depth, z + 6.0, 1.8),
+            (half - 0.4, y + 0.46 * depth, z + 2.0, 2.2),
+            (half - 0.4, y + 0.46 * depth, z - 5.0, 1.8),
+        ]
+        air, torus, pit = lumen[window], *(tube(part, _mirrored(line, side)) for line in (arch, recess))
+        air = smooth_max(air, -pit, 2.5)
+        air = smooth_min(air, torus, 2.0)
+        lumen[window] = smooth_max(air, -tube(part, _mirrored(mouth, side)), 1.2)
     return lumen
+
+
+def _mirrored(line: list[tuple[float, float, float, float]], side: int) -> Float[np.ndarray, "n 4"]:
+    """A polyline of (u, y, z, radius) with u turned into x of a side."""
+    points = np.array(line)
+    points[:, 0] *= side
+    return points
