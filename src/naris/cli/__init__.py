@@ -26,6 +26,7 @@ class Verb(NamedTuple):
 VERBS: Mapping[str, Verb] = {
     "anatomy": Verb("naris.cli.anatomy", "look at an anatomy, keep it with regions, passages and a picture"),
     "simulate": Verb("naris.cli.simulate", "pictures of an anatomy with poses, regions and depth"),
+    "bench": Verb("naris.cli.bench", "measure the figures that the documents quote"),
     "fetch": Verb("naris.cli.fetch", "download public data with pinned digests: mean-nose"),
 }
 """Every verb that works, in the order of the pipeline."""

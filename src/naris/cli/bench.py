@@ -6,10 +6,11 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from naris.bench import BENCHMARKS
 from naris.cli.console import Console
 
 if TYPE_CHECKING:
@@ -21,10 +22,12 @@ class Options:
     """What to measure, and how long to take."""
 
     name: Annotated[
-        tyro.conf.Positional[Literal["render", "simulate", "demo", "reproduce"]], tyro.conf.arg(metavar="NAME")
+        tyro.conf.Positional[str],
+        tyro.conf.arg(
+            metavar="{" + ",".join(BENCHMARKS) + "}",
+            help="; ".join(f"{name}: {benchmark.summary}" for name, benchmark in BENCHMARKS.items()) + ".",
+        ),
     ]
-    """render: milliseconds a frame and agreement of engines; simulate: seconds for 1,420 pictures on disk;
-    demo: its accuracy and time; reproduce: the published experiment."""
     quick: bool = False
     """At most 60 s on two cores, with fewer trials."""
     anatomy: Annotated[str | None, tyro.conf.arg(metavar="FILE|builtin")] = None

@@ -120,6 +120,6 @@ def _one_line(box: str) -> str:
 def _unknown(words: Sequence[str], verbs: Mapping[str, Verb]) -> str:
     if not words:
         return "expected a verb; naris --help lists them"
-    near = difflib.get_close_matches(words[0], verbs, n=3, cutoff=0.5)
+    near = difflib.get_close_matches(words[0], verbs, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(near)}? " if near else ""
     return f"there is no verb {words[0]!r}; {hint}naris --help lists them"

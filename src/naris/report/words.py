@@ -95,9 +95,9 @@ def done(data: ReportData) -> list[str]:
     """What was done."""
     view = data.anatomy
     names = view.regions.names
-    texture = f", its walls coloured by {view.texture}" if view.texture else ""
+    texture = f", walls coloured by {view.texture}" if view.texture else ""
     said = [
-        f"Endoscopic pictures were simulated inside one anatomy, {view.anatomy.name}{texture}. The camera carries its "
+        f"Endoscopic pictures were simulated inside one anatomy ({view.anatomy.name}{texture}). The camera carries its "
         "own light and moves through the hollow of the nose; its true pose is known for every picture.",
         "A network sees one picture and nothing else, and names the region in which the camera stands, one of "
         f"{counted(len(names))}: {listed(list(names))}.",
