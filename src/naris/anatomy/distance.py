@@ -77,7 +77,7 @@ class SignedDistance:
         wound = self.triangles.winding(points_mm) >= 1
         if self.envelope is None:
             return np.where(wound, distance, -distance)
-        return np.minimum(np.where(wound, -distance, distance), self.envelope(points_mm))
+        return np.asarray(np.minimum(np.where(wound, -distance, distance), self.envelope(points_mm)))
 
     def closest(self, points_mm: Float[np.ndarray, "*n 3"]) -> Closest:
         """The nearest point of the wall, its distance (unsigned) and its face."""
@@ -88,8 +88,8 @@ class SignedDistance:
 
         Either the surface winds around them at least once; or, between walls, it does not and the air reaches there.
         """
-        wound = self.triangles.winding(points_mm) >= 1
-        return wound if self.envelope is None else ~wound & (self.envelope(points_mm) > 0)
+        wound = np.asarray(self.triangles.winding(points_mm) >= 1)
+        return np.asarray(wound if self.envelope is None else ~wound & (self.envelope(points_mm) > 0))
 
     @property
     def nodes_mm(self) -> tuple[Float[np.ndarray, "nx"], Float[np.ndarray, "ny"], Float[np.ndarray, "nz"]]:

@@ -28,7 +28,7 @@ ROUTES = (
     Route("main", _NOSTRIL, _CHOANA),
     Route("inferior meatus", _NOSTRIL, np.array([-8.5, 16.0, -15.0]), (np.array([-6.5, -3.0, -3.0]),)),
     Route("middle meatus", _NOSTRIL, _CHOANA, (np.array([-4.0, 6.0, 2.0]),)),
-    Route("olfactory cleft", _NOSTRIL, np.array([4.5, -7.0, 16.0])),
+    Route("olfactory cleft", _NOSTRIL, np.array([4.0, -10.5, 18.0])),
     Route("floor", _NOSTRIL, _CHOANA, (np.array([3.0, -15.0, -13.0]), np.array([2.0, 4.0, -18.0]))),
 )
 """From the nostril: between septum and turbinates to the choana, under the inferior turbinate, under the middle

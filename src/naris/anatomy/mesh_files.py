@@ -99,6 +99,7 @@ def read_vtp(path: Path, content: bytes) -> MeshFile:
     """
     try:
         from vtkmodules.util.numpy_support import vtk_to_numpy
+        from vtkmodules.vtkCommonCore import vtkObject
         from vtkmodules.vtkFiltersCore import vtkTriangleFilter
         from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
     except ImportError as missing:
@@ -107,21 +108,22 @@ def read_vtp(path: Path, content: bytes) -> MeshFile:
         ) from missing
     if b"<VTKFile" not in content[:4096] or b"PolyData" not in content[:4096]:
         raise broken(path, "VTP", "something else")
-    complaints: list[str] = []
     reader = vtkXMLPolyDataReader()
-    # An observer keeps VTK from printing; without one its errors go to stderr and the output is merely empty.
-    for source in (reader, reader.GetExecutive()):
-        source.AddObserver("ErrorEvent", lambda *_: complaints.append("an error of VTK"))
-        source.AddObserver("WarningEvent", lambda *_: None)
     reader.SetFileName(str(path))
     triangles = vtkTriangleFilter()
     triangles.PassVertsOff()
     triangles.PassLinesOff()
     triangles.SetInputConnection(reader.GetOutputPort())
-    triangles.Update()
+    # VTK prints what it cannot read; the error below says it in one sentence.
+    display = vtkObject.GetGlobalWarningDisplay()
+    vtkObject.GlobalWarningDisplayOff()
+    try:
+        triangles.Update()
+    finally:
+        vtkObject.SetGlobalWarningDisplay(display)
     mesh = triangles.GetOutput()
-    if complaints or not mesh.GetNumberOfPoints() or not mesh.GetNumberOfPolys():
-        raise broken(path, "VTP", "a file that VTK cannot read" if complaints else "no polygons")
+    if reader.GetErrorCode() or not mesh.GetNumberOfPoints() or not mesh.GetNumberOfPolys():
+        raise broken(path, "VTP", "a file that VTK cannot read, or one without polygons")
     space = reader.GetOutput().GetFieldData().GetAbstractArray("SPACE")
     return MeshFile(
         vtk_to_numpy(mesh.GetPoints().GetData()).astype(np.float64),

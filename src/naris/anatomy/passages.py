@@ -20,7 +20,7 @@ from naris.anatomy.distance import SignedDistance, signed_distance
 from naris.anatomy.lumen import LumenGraph, Tree, lumen_graph
 from naris.core.anatomy import Anatomy, Passage
 
-_END_CLEARANCE_MM = 0.5
+_END_CLEARANCE_MM = 1.0
 _ROOMY_MM = 0.8
 _COVERED_MM = 9.0
 _MOST_BRANCHES = 6
@@ -52,9 +52,9 @@ def find_passages(
     """The passages of an anatomy: points 0.5 mm apart, each inside the lumen, ordered from outside to inside.
 
     With `routes`, one passage each. Without, the landmarks with `nostril` in their name are the openings and the one
-    with `nasopharynx` the far end; where there are none, the two most distant places of the lumen, the one with the
-    smaller y (anterior in LPS and in the mean nose) first. Then the passages are called `main`, `branch 1`, … or, with
-    the words before `nostril`, `left.main`, `left.branch 1`, …
+    with `nasopharynx` the far end; where there are none, the front and the back of the lumen (along y, as in LPS and
+    in the mean nose; for a lumen that hardly extends along y, its two most distant places). Then the passages are
+    called `main`, `branch 1`, … or, with the words before `nostril`, `left.main`, `left.branch 1`, …
 
     Raises:
         PoseError: if a point of a route is more than 5 mm away from the lumen, or the lumen is too thin for the grid.
@@ -105,10 +105,14 @@ def _prefix(landmark: str) -> str:
 
 
 def _two_ends(graph: LumenGraph, openings: dict[str, int]) -> tuple[dict[str, int], int]:
-    """Openings and far end where landmarks do not tell: the most distant roomy places of the lumen."""
-    roomy = graph.clearance_mm >= min(_END_CLEARANCE_MM, float(np.quantile(graph.clearance_mm, 0.5)))
+    """Openings and far end where landmarks do not tell: roomy places at the ends of y, or else the most distant."""
+    roomy = graph.clearance_mm >= min(_END_CLEARANCE_MM, float(np.median(graph.clearance_mm)))
     if openings:
         return openings, _furthest(graph, np.array(list(openings.values())), roomy)
+    extent_mm = np.ptp(graph.points_mm, axis=0)
+    if extent_mm[1] >= 0.5 * extent_mm.max():
+        along = graph.points_mm[:, 1]
+        return {"": int(np.argmin(np.where(roomy, along, np.inf)))}, int(np.argmax(np.where(roomy, along, -np.inf)))
     one = _furthest(graph, np.array([int(np.argmax(graph.clearance_mm))]), roomy)
     other = _furthest(graph, np.array([one]), roomy)
     first, last = sorted((one, other), key=lambda node: graph.points_mm[node, 1])
