@@ -103,7 +103,7 @@ def _table(table: Float32[np.ndarray, "n *c"], at: Float32[np.ndarray, "m"]) -> 
     """Linear interpolation in a table, clamped at its ends."""
     at = np.clip(at, 0, len(table) - 1.001).astype(np.float32)
     low = at.astype(np.int32)
-    t = (at - low).reshape(-1, *(1,) * (table.ndim - 1))
+    t = (at - low.astype(np.float32)).reshape(-1, *(1,) * (table.ndim - 1))
     return table[low] + t * (table[low + 1] - table[low])
 
 
