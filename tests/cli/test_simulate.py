@@ -63,7 +63,10 @@ def test_the_same_command_again_changes_nothing_and_workers_neither(tube: Path, 
     assert first == content(tmp_path / "a") == content(tmp_path / "b")
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["interrupted", "killed"])
+@pytest.mark.parametrize(
+    "how",
+    [pytest.param(signal.SIGINT, id="interrupted", marks=pytest.mark.slow), pytest.param(signal.SIGKILL, id="killed")],
+)
 def test_a_stopped_run_goes_on_to_the_same_bytes(tube: Path, tmp_path, how: signal.Signals) -> None:
     words = ["--count", "150", "--width", "200", "--height", "200", "--quiet", "--workers", "1"]
     command = [sys.executable, "-m", "naris", "simulate", str(tube), "-o", str(tmp_path / "a"), *words]
