@@ -1,0 +1,64 @@
+"""The figures of a report, under the names that issues and documents use."""
+
+from __future__ import annotations
+
+from naris.bench.result import Figure, Peer
+from naris.report.data import NetworkResult, Published, ReportData
+from naris.report.scores import TestResult
+
+GOALS = {
+    "reproduce.compact.trajectory.accuracy": 0.50,
+    "reproduce.compact.at_will.accuracy": 0.93,
+    "demo.region_accuracy": 0.85,
+}
+DEMO_GOAL_S = 300.0
+AT_WILL = "compact_at_will"
+_AT_WILL_SPLIT = "trajectory_texture"
+
+
+def reproduce_figures(data: ReportData) -> tuple[Figure, ...]:
+    """Accuracy, non-neighbour errors and calibration of every network on every split; shares are 0…1.
+
+    `reproduce.<network>.<split>.accuracy`, `.nonneighbour_error` (share of the wrong answers) and `.ece`; for the
+    network trained on views at will, `reproduce.compact.at_will.…` is `trajectory_texture`; other splits add theirs.
+    """
+    return tuple(
+        figure for network in data.networks for test in network.tests for figure in _of_test(data, network, test)
+    )
+
+
+def demo_figures(data: ReportData, wall_s: float) -> tuple[Figure, ...]:
+    """Accuracy on the last test set of the first network (the hardest), and how long everything took (wall clock)."""
+    test = data.networks[0].tests[-1]
+    name = "demo.region_accuracy"
+    accuracy = Figure(name, test.mean, "1", _count(test), "higher", GOALS[name], test.interval)
+    figures = [accuracy, Figure("demo.seconds", wall_s, "s", 1, "lower", DEMO_GOAL_S)]
+    if test.pose is not None:
+        figures.append(Figure("demo.position_median_mm", test.pose.median_mm, "mm", _count(test), "lower"))
+    return tuple(figures)
+
+
+def _of_test(data: ReportData, network: NetworkResult, test: TestResult) -> list[Figure]:
+    base = f"reproduce.{network.key}.{test.split}"
+    if network.key == AT_WILL:
+        base = "reproduce.compact.at_will" + ("" if test.split == _AT_WILL_SPLIT else f".{test.split}")
+    n, name = _count(test), f"{base}.accuracy"
+    peers = _peers(data.published) if data.published and data.split(test.split).leaky else {}
+    wrong = n - int(test.confusion.trace())
+    far = test.nonneighbour_error(data.anatomy.regions.neighbours)
+    figures = [
+        Figure(name, test.mean, "1", n, "higher", GOALS.get(name), test.interval, peers),
+        Figure(f"{base}.nonneighbour_error", far, "1", wrong, "lower"),
+    ]
+    if test.calibration is not None:
+        figures.append(Figure(f"{base}.ece", test.calibration.ece, "1", n, "lower"))
+    return figures
+
+
+def _peers(published: Published) -> dict[str, Peer]:
+    return {"published": published.accuracy}
+
+
+def _count(test: TestResult) -> int:
+    """Answers behind the figure: pictures times runs."""
+    return sum(run.count for run in test.runs)

@@ -1,0 +1,65 @@
+"""Figures of a report have the names and values that documents quote."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from naris.bench.extract import demo_figures, reproduce_figures
+from naris.report import ReportData
+
+
+def made_by_the_report_tests() -> ModuleType:
+    path = Path(__file__).parents[1] / "report" / "conftest.py"
+    spec = importlib.util.spec_from_file_location("made_by_the_report_tests", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def data() -> ReportData:
+    made = made_by_the_report_tests()
+    return made.make_reproduce(made.tube(), made.images(np.random.default_rng(5), 16, 32))
+
+
+def test_names_are_those_of_the_documents(data: ReportData) -> None:
+    figures = {figure.name: figure for figure in reproduce_figures(data)}
+    expected = {
+        f"reproduce.{network}.{split}.{what}"
+        for network in ("two_layer", "compact")
+        for split in ("published", "trajectory", "trajectory_texture")
+        for what in ("accuracy", "nonneighbour_error", "ece")
+    }
+    expected |= {f"reproduce.compact.at_will.{what}" for what in ("accuracy", "nonneighbour_error", "ece")}
+    assert figures.keys() == expected
+    assert figures["reproduce.compact.trajectory.accuracy"].goal == 0.5
+    assert figures["reproduce.compact.at_will.accuracy"].goal == 0.93
+    assert figures["reproduce.two_layer.published.accuracy"].peers == {"published": 0.7653}
+    assert figures["reproduce.two_layer.trajectory.accuracy"].peers == {}
+
+
+def test_values_are_those_of_the_runs(data: ReportData) -> None:
+    figures = {figure.name: figure for figure in reproduce_figures(data)}
+    test = data.networks[0].tests[1]
+    figure = figures["reproduce.two_layer.trajectory.accuracy"]
+    assert figure.value == pytest.approx(np.mean([np.trace(run.confusion) / 150 for run in test.runs]))
+    assert figure.n == 5 * 150
+    assert figure.interval == test.interval
+    assert figures["reproduce.two_layer.trajectory.nonneighbour_error"].n == round(750 * (1 - test.mean))
+
+
+def test_demo(data: ReportData) -> None:
+    figures = {figure.name: figure for figure in demo_figures(data, 123.0)}
+    assert figures["demo.seconds"].value == 123.0
+    assert figures["demo.seconds"].goal == 300
+    assert figures["demo.region_accuracy"].value == data.networks[0].tests[-1].mean
+    assert figures["demo.region_accuracy"].goal == 0.85
