@@ -2,8 +2,8 @@
 
 An `Appearance` is a material (what the wall looks like), a light, optics and a sensor.
 
-`TRAINING_APPEARANCE` and `UNSEEN_APPEARANCE` are disjoint: their noise comes from different families (smooth Gaussian
-noise against cells), and so are the intervals that the latter names.
+`TRAINING_APPEARANCE` and `UNSEEN_APPEARANCE` are disjoint: their noise comes from different families (forking vessels
+on smooth bumps against winding vessels on cobbles), and so are the intervals that the latter names.
 """
 
 from __future__ import annotations
@@ -95,9 +95,9 @@ PAPER_CULLED = PAPER.with_(cull_near_walls=True)
 ENDOSCOPE = Appearance(
     material=Mucosa(),
     light=Light(
-        diffuse=(1.0, 0.96, 0.90),
-        bounce=0.12,
-        attenuation=(1.0, 0.0, 0.02),
+        diffuse=(1.0, 0.97, 0.92),
+        bounce=0.35,
+        attenuation=(1.0, 0.0, 0.05),
         exponent=1.0,
         wrap=(0.25, 0.10, 0.08),
         offset_mm=(0.0, -1.2, 0.0),
@@ -106,12 +106,13 @@ ENDOSCOPE = Appearance(
     sensor=Sensor(
         auto_exposure=0.9,
         meter_quantile=0.92,
-        target=0.55,
+        target=0.5,
         gain_range=(0.3, 30.0),
         gamma=2.2,
         shoulder=0.6,
+        black=10.0,
         blur_px=0.5,
-        sharpen=0.5,
+        sharpen=0.4,
         read_noise=1.2,
         shot_noise=1.6,
     ),
@@ -129,16 +130,16 @@ class AppearanceDistribution:
 
     Attributes:
         family: of the noise.
-        hue: shift of the pale albedo from orange (−1) to violet-pink (+1).
+        hue: of the pale albedo, from orange (−1) to violet-pink (+1).
         paleness: brightness of the pale albedo.
         blood, blotches, vessels, fine_vessels, mucus, relief, gloss, sheen: as in `Mucosa`.
-        log_blotch_mm, log_relief_mm, log_roughness: as in `Mucosa`.
+        log_blotch_mm, log_vessel_mm, log_relief_mm, log_roughness: as in `Mucosa`.
         light_warmth: share of blue that the light lacks (negative: of red).
         log_falloff: the quadratic attenuation per mm².
         spot_exponent, bounce, wrap, light_offset_mm: as in `Light` (the offset in a random direction).
         vignette: as in `Optics`.
         round_mask: share of the pictures with a round stop.
-        exposure, auto_exposure, gamma, shoulder, blur_px, sharpen, read_noise, shot_noise: as in `Sensor`.
+        exposure, auto_exposure, gamma, shoulder, black, blur_px, sharpen, read_noise, shot_noise: as in `Sensor`.
         white_balance: each factor is within 1 ± this.
     """
 
@@ -149,6 +150,7 @@ class AppearanceDistribution:
     blotches: Interval
     log_blotch_mm: Interval
     vessels: Interval
+    log_vessel_mm: Interval
     fine_vessels: Interval
     mucus: Interval
     relief: Interval
@@ -168,6 +170,7 @@ class AppearanceDistribution:
     auto_exposure: Interval
     gamma: Interval
     shoulder: Interval
+    black: Interval
     blur_px: Interval
     sharpen: Interval
     read_noise: Interval
@@ -189,6 +192,8 @@ class AppearanceDistribution:
             blotches=_uniform(rng, self.blotches),
             blotch_mm=_log_uniform(rng, self.log_blotch_mm),
             vessels=_uniform(rng, self.vessels),
+            vessel_mm=(width := _log_uniform(rng, self.log_vessel_mm)),
+            fine_vessel_mm=0.4 * width,
             fine_vessels=_uniform(rng, self.fine_vessels),
             mucus=_uniform(rng, self.mucus),
             relief=_uniform(rng, self.relief),
@@ -229,6 +234,7 @@ class AppearanceDistribution:
             white_balance=(float(balance[0]), float(balance[1]), float(balance[2])),
             gamma=_uniform(rng, self.gamma),
             shoulder=_uniform(rng, self.shoulder),
+            black=_uniform(rng, self.black),
             blur_px=_uniform(rng, self.blur_px),
             sharpen=_uniform(rng, self.sharpen),
             read_noise=_uniform(rng, self.read_noise),
@@ -249,24 +255,25 @@ def _pale(hue: float, paleness: float) -> RGB:
 
 
 TRAINING_APPEARANCE = AppearanceDistribution(
-    family="smooth",
+    family="branching",
     hue=(-1.0, 0.4),
     paleness=(0.75, 1.0),
     blood=(0.3, 1.5),
-    blotches=(0.05, 0.4),
-    log_blotch_mm=(2.5, 8.0),
-    vessels=(0.0, 1.5),
-    fine_vessels=(0.0, 0.8),
-    mucus=(0.0, 0.4),
-    relief=(0.0, 0.3),
-    log_relief_mm=(0.5, 1.6),
-    gloss=(0.5, 8.0),
-    log_roughness=(0.05, 0.2),
-    sheen=(0.0, 0.3),
+    blotches=(0.05, 0.35),
+    log_blotch_mm=(3.0, 9.0),
+    vessels=(0.0, 1.2),
+    log_vessel_mm=(0.15, 0.45),
+    fine_vessels=(0.0, 0.7),
+    mucus=(0.0, 0.3),
+    relief=(0.0, 0.12),
+    log_relief_mm=(0.7, 3.0),
+    gloss=(1.0, 15.0),
+    log_roughness=(0.04, 0.15),
+    sheen=(0.0, 0.2),
     light_warmth=(-0.05, 0.25),
-    log_falloff=(0.005, 0.05),
+    log_falloff=(0.01, 0.1),
     spot_exponent=(0.0, 3.0),
-    bounce=(0.02, 0.3),
+    bounce=(0.1, 0.6),
     wrap=(0.0, 0.4),
     light_offset_mm=(0.0, 2.0),
     vignette=(0.0, 0.5),
@@ -275,6 +282,7 @@ TRAINING_APPEARANCE = AppearanceDistribution(
     auto_exposure=(0.7, 1.0),
     gamma=(1.8, 2.4),
     shoulder=(0.4, 0.9),
+    black=(0.0, 15.0),
     blur_px=(0.0, 0.8),
     sharpen=(0.0, 1.0),
     read_noise=(0.0, 3.0),
@@ -284,24 +292,25 @@ TRAINING_APPEARANCE = AppearanceDistribution(
 """What training may see."""
 
 UNSEEN_APPEARANCE = AppearanceDistribution(
-    family="cellular",
+    family="winding",
     hue=(0.5, 1.0),
     paleness=(0.75, 1.0),
     blood=(0.3, 1.5),
-    blotches=(0.05, 0.4),
-    log_blotch_mm=(2.5, 8.0),
-    vessels=(0.0, 1.5),
-    fine_vessels=(0.0, 0.8),
-    mucus=(0.0, 0.4),
-    relief=(0.0, 0.3),
-    log_relief_mm=(0.5, 1.6),
-    gloss=(0.5, 8.0),
-    log_roughness=(0.05, 0.2),
-    sheen=(0.0, 0.3),
+    blotches=(0.05, 0.35),
+    log_blotch_mm=(3.0, 9.0),
+    vessels=(0.0, 1.2),
+    log_vessel_mm=(0.15, 0.45),
+    fine_vessels=(0.0, 0.7),
+    mucus=(0.0, 0.3),
+    relief=(0.0, 0.12),
+    log_relief_mm=(0.7, 3.0),
+    gloss=(1.0, 15.0),
+    log_roughness=(0.04, 0.15),
+    sheen=(0.0, 0.2),
     light_warmth=(-0.15, -0.06),
-    log_falloff=(0.05, 0.1),
+    log_falloff=(0.1, 0.16),
     spot_exponent=(3.1, 4.5),
-    bounce=(0.02, 0.3),
+    bounce=(0.1, 0.6),
     wrap=(0.0, 0.4),
     light_offset_mm=(0.0, 2.0),
     vignette=(0.0, 0.5),
@@ -310,6 +319,7 @@ UNSEEN_APPEARANCE = AppearanceDistribution(
     auto_exposure=(0.7, 1.0),
     gamma=(1.8, 2.4),
     shoulder=(0.4, 0.9),
+    black=(0.0, 15.0),
     blur_px=(0.0, 0.8),
     sharpen=(0.0, 1.0),
     read_noise=(0.0, 3.0),

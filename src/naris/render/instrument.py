@@ -21,7 +21,7 @@ class Light:
         specular: factor on the highlights of the surface.
         ambient: light from everywhere that nothing attenuates.
         spot_ambient: light from everywhere that falls off as the spot does.
-        bounce: light that other walls send back, a share of the spot's, without a cosine.
+        bounce: light that other walls send back, a share of the spot's, without a cosine, in the colour of the wall.
         attenuation: (constant, per mm, per mm²): the spot falls off as 1/(c + l·r + q·r²).
         cutoff_deg: half the angle of the cone; 180 for none.
         edge_deg: over how many degrees inside the cone the light fades out; 0 is a sharp edge.

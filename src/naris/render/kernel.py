@@ -1,4 +1,4 @@
-# ruff: noqa: ANN001, ANN201, ANN202
+# ruff: noqa: ANN001, ANN202
 # mypy: ignore-errors
 """The fast engine's compiled code: Embree packets and the shading of `naris.render.shading`, fused.
 

@@ -25,7 +25,7 @@ SPOT_SIZE = 512
 """The spot table runs over (1 − cos θ)/2, 0…1, θ from the spot's axis."""
 
 _SCALARS = (
-    "albedo_r albedo_g albedo_b mucus mucus_r mucus_g mucus_b blood blotches vessels vessel_width "
+    "albedo_r albedo_g albedo_b mucus mucus_r mucus_g mucus_b blood blotches vessels vessel fine_vessel "
     "fine_vessels relief gloss film sheen tissue tissue_per_mm relief_per_mm m00 m01 m02 m10 m11 m12 m20 "
     "m21 m22 tissue_x tissue_y tissue_z relief_x relief_y relief_z light_r light_g light_b ambient_r "
     "ambient_g ambient_b spot_ambient_r spot_ambient_g spot_ambient_b bounce constant linear quadratic "
@@ -36,7 +36,8 @@ _SCALARS = (
 LOOK = np.dtype(
     [("kind", "i4"), ("cull", "i4"), ("bank", "i4"), ("colours", "i4")] + [(n, "f4") for n in _SCALARS.split()]
 )
-"""One appearance, flat. `film` and `tissue` are squared roughnesses; `m..` turns the anatomy into the noise."""
+"""One appearance, flat. `film` and `tissue` are squared roughnesses; `vessel` and `fine_vessel` are half widths in
+voxels; `m..` turns the anatomy into the noise."""
 
 
 class Looks(NamedTuple):
@@ -97,11 +98,13 @@ def _pack_material(row: np.void, appearance: Appearance, textures: dict[int, Tex
 def _pack_mucosa(row: np.void, material: Mucosa) -> None:
     row["bank"] = bank_index(material.family, material.volume)
     _put(row, "mucus", material.mucus_rgb)
-    for name in ("mucus", "blood", "blotches", "vessels", "vessel_width", "fine_vessels", "relief"):
+    for name in ("mucus", "blood", "blotches", "vessels", "fine_vessels", "relief"):
         row[name] = getattr(material, name)
     row["film"], row["tissue"] = material.roughness**2, material.sheen_roughness**2
     row["tissue_per_mm"] = VOXELS_PER_FEATURE / material.blotch_mm
     row["relief_per_mm"] = VOXELS_PER_FEATURE / material.relief_mm
+    row["vessel"] = material.vessel_mm / 2 * row["tissue_per_mm"]
+    row["fine_vessel"] = material.fine_vessel_mm / 2 * row["relief_per_mm"]
     rng = np.random.default_rng(material.seed)
     w, x, y, z = (q := rng.standard_normal(4)) / np.linalg.norm(q)
     rotation = (

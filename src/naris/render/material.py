@@ -12,8 +12,8 @@ from naris.errors import ImageError, InputError
 
 RGB = tuple[float, float, float]
 
-NOISE_FAMILIES = ("smooth", "cellular")
-"""How the solid noise of a mucosa is made: band-passed Gaussian noise, or distances to random cells (Worley 1996)."""
+NOISE_FAMILIES = ("branching", "winding")
+"""How the solid noise of a mucosa is made: forking vessels on smooth bumps, or winding vessels on cobbles."""
 VOLUMES_PER_FAMILY = 6
 """How many noise volumes each family has (each is placed anew by the mucosa's seed)."""
 
@@ -69,7 +69,7 @@ class Mucosa:
     """A wet mucosa, solid in space, so that it fits any surface without texture coordinates.
 
     The colour follows the amount of blood: albedo = pale · exp(−absorption · blood) in each channel (Beer–Lambert).
-    Blood varies by blotches and vessels, which are the zero lines of solid noise.
+    Blood varies by blotches and vessels, which are where fields of solid noise cross zero.
 
     Attributes:
         seed: where and how the anatomy lies in the noise.
@@ -81,8 +81,9 @@ class Mucosa:
         blotches: how much the amount varies.
         blotch_mm: size of the blotches.
         vessels: blood that a large vessel adds.
-        vessel_width: of large vessels, a share of the blotch size.
+        vessel_mm: width of large vessels where they are strong.
         fine_vessels: blood that a small vessel adds.
+        fine_vessel_mm: width of small vessels where they are strong.
         mucus: how much of the wall is under pale mucus, 0–1.
         mucus_rgb: albedo of mucus.
         relief: slope of the fine bumps (rms, 0 for none).
@@ -94,23 +95,24 @@ class Mucosa:
     """
 
     seed: int = 0
-    family: str = "smooth"
+    family: str = "branching"
     volume: int = 0
-    pale: RGB = (0.93, 0.70, 0.60)
-    absorption: RGB = (0.16, 0.85, 0.80)
-    blood: float = 0.9
-    blotches: float = 0.18
-    blotch_mm: float = 4.0
-    vessels: float = 0.9
-    vessel_width: float = 0.10
-    fine_vessels: float = 0.45
-    mucus: float = 0.1
-    mucus_rgb: RGB = (0.90, 0.78, 0.62)
-    relief: float = 0.16
-    relief_mm: float = 0.8
-    gloss: float = 5.0
-    roughness: float = 0.07
-    sheen: float = 0.10
+    pale: RGB = (0.90, 0.66, 0.55)
+    absorption: RGB = (0.16, 0.85, 0.98)
+    blood: float = 1.0
+    blotches: float = 0.2
+    blotch_mm: float = 5.0
+    vessels: float = 0.65
+    vessel_mm: float = 0.26
+    fine_vessels: float = 0.35
+    fine_vessel_mm: float = 0.1
+    mucus: float = 0.04
+    mucus_rgb: RGB = (0.90, 0.72, 0.52)
+    relief: float = 0.045
+    relief_mm: float = 1.5
+    gloss: float = 10.0
+    roughness: float = 0.055
+    sheen: float = 0.05
     sheen_roughness: float = 0.35
 
     def __post_init__(self) -> None:

@@ -1,9 +1,10 @@
 """Solid noise: periodic volumes that are looked up trilinearly, and white noise from a hash.
 
-Two volumes make a mucosa: `tissue` has four independent fields (blotches, their own variation, two vessel fields),
-`relief` has one field and its gradient. Every field has zero mean and unit variance, the gradient unit rms length,
-and `VOXELS_PER_FEATURE` voxels to a feature. They are kept as signed bytes, `STEPS` to a
-unit: the four fields of a voxel are one 32-bit word, which is what makes them cheap to look up.
+Two volumes make a mucosa. `tissue` has a field of blotches, one of slow change, and two vessel fields; `relief` has a
+field of small vessels, and the slope of fine bumps. Blotches and change have zero mean and unit variance, the slope
+unit rms length. A vessel field is zero where a vessel runs and tells the distance from it in voxels, with a sign. There
+are `VOXELS_PER_FEATURE` voxels to a feature. All is kept as signed bytes, `STEPS` to a unit: the four fields of a voxel
+are one 32-bit word, which is what makes them cheap to look up.
 """
 
 from __future__ import annotations
@@ -21,8 +22,7 @@ EDGE = 64
 VOXELS_PER_FEATURE = 10.0
 STEPS = 36.0
 """Steps of a stored byte in a standard deviation: 3.5 of them fit."""
-_BANDWIDTH = 0.5
-_CELLS = 220
+_CELLS = 240
 
 _bank = np.zeros((len(NOISE_FAMILIES) * VOLUMES_PER_FAMILY, 2, EDGE, EDGE, EDGE, 4), np.int8)
 _made: set[int] = set()
@@ -42,7 +42,7 @@ def noise_bank(wanted: Iterable[int]) -> Int8[np.ndarray, "bank 2 x y z 4"]:
     with _lock:
         for index in set(wanted) - _made:
             family, volume = divmod(index, VOLUMES_PER_FAMILY)
-            make = _smooth_volumes if NOISE_FAMILIES[family] == "smooth" else _cellular_volumes
+            make = _branching_volumes if NOISE_FAMILIES[family] == "branching" else _winding_volumes
             fields = np.zeros(_bank.shape[1:], np.float32)
             make(np.random.default_rng([family, volume]), fields)
             _bank[index] = np.clip(np.rint(fields * STEPS), -127, 127)
@@ -50,60 +50,102 @@ def noise_bank(wanted: Iterable[int]) -> Int8[np.ndarray, "bank 2 x y z 4"]:
     return _bank
 
 
-def _smooth_volumes(rng: np.random.Generator, out: Float32[np.ndarray, "2 x y z 4"]) -> None:
-    """Gaussian noise with a log-normal band around the feature's frequency."""
-    for channel in range(4):
-        out[0, ..., channel] = _unit_variance(np.fft.irfftn(_band(rng), (EDGE,) * 3, axes=(0, 1, 2)))
-    band = _band(rng)
-    out[1, ..., 0] = _unit_variance(np.fft.irfftn(band, (EDGE,) * 3, axes=(0, 1, 2)))
-    frequencies = np.meshgrid(*_frequencies(), indexing="ij", sparse=True)
-    gradient = [np.fft.irfftn(2j * np.pi * f * band, (EDGE,) * 3, axes=(0, 1, 2)) for f in frequencies]
-    out[1, ..., 1:] = _unit_length(np.stack(gradient, axis=-1))
+def _branching_volumes(rng: np.random.Generator, out: Float32[np.ndarray, "2 x y z 4"]) -> None:
+    """Vessels between random cells, so that they fork; relief of Gaussian noise."""
+    out[0, ..., 0] = _unit_variance(_gaussian(_band(rng, 1.6, 0.8)))
+    out[0, ..., 1] = _unit_variance(_gaussian(_band(rng, 2.5, 0.4)))
+    out[0, ..., 2], out[0, ..., 3] = _borders(rng)
+    out[1, ..., 0], _ = _borders(rng)
+    out[1, ..., 1:] = _slope(_band(rng, 1.0, 0.6))
 
 
-def _cellular_volumes(rng: np.random.Generator, out: Float32[np.ndarray, "2 x y z 4"]) -> None:
-    """Distances to the nearest and the second nearest of random cells (Worley 1996)."""
-    nearest, second = _worley(rng)
-    border = (second - nearest) / (second - nearest).std()
-    out[0, ..., 0] = _unit_variance(nearest)
-    out[0, ..., 1] = _unit_variance(np.roll(nearest.transpose(1, 2, 0), EDGE // 2, axis=0))
-    out[0, ..., 2] = border
-    out[0, ..., 3] = np.roll(border.transpose(2, 0, 1), EDGE // 3, axis=1)
-    height, other = _worley(rng)
-    out[1, ..., 0] = (other - height) / (other - height).std()
-    gradient = [(np.roll(height, -1, axis) - np.roll(height, 1, axis)) / 2 for axis in range(3)]
-    out[1, ..., 1:] = _unit_length(np.stack(gradient, axis=-1))
+def _winding_volumes(rng: np.random.Generator, out: Float32[np.ndarray, "2 x y z 4"]) -> None:
+    """Vessels on the zero lines of Gaussian noise, which wind and never fork; relief of cobbles (Worley 1996)."""
+    out[0, ..., 0] = _unit_variance(_nearest(rng))
+    out[0, ..., 1] = _unit_variance(_gaussian(_band(rng, 2.5, 0.4)))
+    for volume, channel in ((0, 2), (0, 3), (1, 0)):
+        band = _band(rng, 1.3, 0.5)
+        slope = np.sqrt(sum(_gaussian(d) ** 2 for d in _derivatives(band)).mean())
+        out[volume, ..., channel] = _gaussian(band) / slope
+    height = np.fft.rfftn(_nearest(rng), axes=(0, 1, 2))
+    frequency = sum(f**2 for f in _frequencies())
+    out[1, ..., 1:] = _slope(height * np.exp(-frequency * 15.0))
 
 
-def _frequencies() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _frequencies() -> list[np.ndarray]:
     full, half = np.fft.fftfreq(EDGE), np.fft.rfftfreq(EDGE)
-    return full, full, half
+    return list(np.meshgrid(full, full, half, indexing="ij", sparse=True))
 
 
-def _band(rng: np.random.Generator) -> np.ndarray:
-    fx, fy, fz = np.meshgrid(*_frequencies(), indexing="ij", sparse=True)
-    frequency = np.sqrt(fx**2 + fy**2 + fz**2)
-    frequency[0, 0, 0] = 1e-9
-    octave = np.log(frequency * VOXELS_PER_FEATURE)
+def _band(rng: np.random.Generator, size: float, width: float) -> np.ndarray:
+    """Spectrum of Gaussian noise around features of a size (in features), `width` a log-normal deviation."""
+    frequency = np.sqrt(sum(f**2 for f in _frequencies()))
+    frequency[0, 0, 0] = 1.0
+    octave = np.log(frequency * VOXELS_PER_FEATURE * size) / width
     white = np.fft.rfftn(rng.standard_normal((EDGE,) * 3), axes=(0, 1, 2))
-    return white * np.exp(-((octave / _BANDWIDTH) ** 2) / 2) * (frequency > 1e-6)
+    band = white * np.exp(-(octave**2) / 2) / frequency**1.5
+    band[0, 0, 0] = 0.0
+    return band
 
 
-def _worley(rng: np.random.Generator) -> tuple[Float[np.ndarray, "x y z"], Float[np.ndarray, "x y z"]]:
+def _gaussian(band: np.ndarray) -> Float[np.ndarray, "x y z"]:
+    return np.fft.irfftn(band, (EDGE,) * 3, axes=(0, 1, 2))
+
+
+def _derivatives(band: np.ndarray) -> list[np.ndarray]:
+    return [2j * np.pi * f * band for f in _frequencies()]
+
+
+def _slope(band: np.ndarray) -> Float[np.ndarray, "x y z 3"]:
+    slope = np.stack([_gaussian(d) for d in _derivatives(band)], axis=-1)
+    return slope / np.sqrt((slope**2).sum(axis=-1).mean())
+
+
+def _borders(rng: np.random.Generator) -> tuple[Float[np.ndarray, "x y z"], Float[np.ndarray, "x y z"]]:
+    """Signed distance to the border between two parts of random cells, for two ways to part the same cells.
+
+    Either border winds without an end; where one leaves the other, the vessel forks. The cells are bent, since no
+    vessel is straight; a part is where slow noise is positive, so that few are islands.
+    """
+    cells = rng.uniform(0, EDGE, (_CELLS, 3))
+    at = tuple(cells.astype(int).T)
+    bent = (_grid() + np.stack([_bend(rng) for _ in range(3)], axis=-1))[::2, ::2, ::2]
+    parts = [_gaussian(_band(rng, 2.0, 0.4))[at] > 0 for _ in range(2)]
+    first, second = ((_distance(cells[part], bent) - _distance(cells[~part], bent)) / 2 for part in parts)
+    return _finer(first), _finer(second)
+
+
+def _bend(rng: np.random.Generator) -> Float[np.ndarray, "x y z"]:
+    slow, quick = (_unit_variance(_gaussian(_band(rng, size, 0.4))) for size in (1.4, 0.6))
+    return 2.0 * slow + 0.6 * quick
+
+
+def _nearest(rng: np.random.Generator) -> Float[np.ndarray, "x y z"]:
+    return _finer(_distance(rng.uniform(0, EDGE, (_CELLS, 3)), _grid()[::2, ::2, ::2]))
+
+
+def _finer(field: Float[np.ndarray, "a b c"]) -> Float[np.ndarray, "x y z"]:
+    """Twice as many voxels along each axis, the new ones half way between the old."""
+    for axis in range(3):
+        between = (field + np.roll(field, -1, axis)) / 2
+        field = np.stack([field, between], axis=axis + 1).reshape(*field.shape[:axis], -1, *field.shape[axis + 1 :])
+    return field
+
+
+def _grid() -> Float[np.ndarray, "x y z 3"]:
+    return np.stack(np.meshgrid(*(np.arange(EDGE, dtype=float),) * 3, indexing="ij"), axis=-1)
+
+
+def _distance(cells: Float[np.ndarray, "n 3"], points: Float[np.ndarray, "x y z 3"]) -> Float[np.ndarray, "x y z"]:
+    """To the nearest cell, in a world that repeats."""
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(rng.uniform(0, EDGE, (_CELLS, 3)), boxsize=EDGE)
-    grid = np.stack(np.meshgrid(*(np.arange(EDGE, dtype=float),) * 3, indexing="ij"), axis=-1)
-    found, _ = tree.query(grid, k=2)
-    return found[..., 0], found[..., 1]
+    found, _ = cKDTree(cells, boxsize=EDGE).query(points % EDGE)
+    return found
 
 
 def _unit_variance(field: Float[np.ndarray, "x y z"]) -> Float[np.ndarray, "x y z"]:
     return (field - field.mean()) / field.std()
-
-
-def _unit_length(gradient: Float[np.ndarray, "x y z 3"]) -> Float[np.ndarray, "x y z 3"]:
-    return gradient / np.sqrt((gradient**2).sum(axis=-1).mean())
 
 
 def white_noise(seed: int, index: Integer[np.ndarray, "*n"]) -> Float32[np.ndarray, "*n"]:

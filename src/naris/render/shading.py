@@ -6,7 +6,7 @@ to the light.
 
     wall        albedo(blood), blood from solid noise                      `mucosa_albedo`
     light       ambient·albedo + spot(θ)·fall(r)·(spot_ambient·albedo
-                + diffuse·albedo·(wrapped n·l + bounce) + highlights)       `radiance`
+                + diffuse·albedo·(wrapped n·l + bounce·albedo) + highlights)       `radiance`
     highlights  gloss·D(film) + sheen·D(tissue), D the GGX lobe of Walter et al. 2007 with its peak at 1
     sensor      gain, tone curve, noise, separable filter                   `develop`
 """
@@ -79,7 +79,7 @@ def radiance(
     fall = spot_light(looks, i, -(to_light @ axis)) / (row["constant"] + r * (row["linear"] + r * row["quadratic"]))
     wrap = _rgb(row, "wrap")
     wrapped = (cosine + wrap) / (1 + wrap)
-    light = _rgb(row, "spot_ambient") + _rgb(row, "light") * (wrapped + row["bounce"])
+    light = _rgb(row, "spot_ambient") + _rgb(row, "light") * (wrapped + row["bounce"] * albedo)
     out = albedo * (_rgb(row, "ambient") + fall[:, None] * light)
     if row["kind"] == MUCOSA:
         half = _unit(to_light + hits.view)
@@ -117,13 +117,13 @@ def mucosa_albedo(hits: Hits, looks: Looks, i: int) -> tuple[Float32[np.ndarray,
     fade = 1 / (1 + (coarse / 4) ** 2)
     fine = trilinear(relief, inside * row["relief_per_mm"] + _xyz(row, "relief"))
     fine[:, 1:] *= fade[:, None]
-    noise = trilinear(tissue, inside * row["tissue_per_mm"] + _xyz(row, "tissue") + fine[:, 1:])
+    noise = trilinear(tissue, inside * row["tissue_per_mm"] + _xyz(row, "tissue"))
     blotch, change = noise[:, 0], noise[:, 1]
-    width = row["vessel_width"] * np.clip(0.5 + 0.5 * change, 0.05, 1.5)
+    width = row["vessel"] * np.clip(0.5 + 0.5 * change, 0.05, 1.5)
     spread = hits.pixel_mm * row["tissue_per_mm"]
     blood = row["blood"] + row["blotches"] * blotch
     blood += row["vessels"] * (_line(noise[:, 2], width, spread) + 0.6 * _line(noise[:, 3], 0.6 * width, spread))
-    narrow = row["vessel_width"] * np.clip(0.6 - 0.6 * change, 0.05, 1.5)
+    narrow = row["fine_vessel"] * np.clip(0.6 - 0.6 * change, 0.05, 1.5)
     blood += row["fine_vessels"] * _line(fine[:, 0], narrow, coarse)
     albedo = _table(looks.ramp[i], np.maximum(blood, 0) * np.float32((RAMP_SIZE - 1) / RAMP_BLOOD))
     cover = row["mucus"] * np.clip(0.5 - 0.5 * blotch + 0.5 * change, 0, 1)[:, None]
@@ -133,8 +133,8 @@ def mucosa_albedo(hits: Hits, looks: Looks, i: int) -> tuple[Float32[np.ndarray,
 def _line(
     field: Float32[np.ndarray, "m"], width: Float32[np.ndarray, "m"], coarse: Float32[np.ndarray, "m"]
 ) -> Float32[np.ndarray, "m"]:
-    """1 on the zero line of a field, 0 beyond a width; wider and weaker where a pixel spans `coarse` voxels."""
-    seen = np.sqrt(width**2 + (0.3 * coarse) ** 2)
+    """1 on the zero line of a field, 0 beyond a half width; wider and weaker where a pixel spans `coarse` voxels."""
+    seen = np.sqrt(width**2 + (0.5 * coarse) ** 2)
     t = np.maximum(1 - np.abs(field) / seen, 0)
     return t * t * (3 - 2 * t) * (width / seen)
 

@@ -95,8 +95,8 @@ def _trilinear(bank, offset, x, y, z):
 
 @_njit
 def _line(field, width, coarse):
-    """1 on the zero line of a field, 0 beyond a width; wider and weaker where a pixel spans `coarse` voxels."""
-    blur = 0.3 * coarse
+    """1 on the zero line of a field, 0 beyond a half width; wider and weaker where a pixel spans `coarse` voxels."""
+    blur = 0.5 * coarse
     seen = 1.0 / sqrt(width * width + blur * blur)
     t = most(1.0 - magnitude(field) * seen, 0.0)
     return t * t * (3.0 - 2.0 * t) * (width * seen)
@@ -118,10 +118,10 @@ def mucosa(bank, ramp, i, row, point, pixel_mm, normal):
     gx, gy, gz = gx * fade, gy * fade, gz * fade
     per_mm = row.tissue_per_mm
     blotch, change, large, small = _trilinear(
-        bank, tissue, x * per_mm + row.tissue_x + gx, y * per_mm + row.tissue_y + gy, z * per_mm + row.tissue_z + gz
+        bank, tissue, x * per_mm + row.tissue_x, y * per_mm + row.tissue_y, z * per_mm + row.tissue_z
     )
-    width = row.vessel_width * _clip(0.5 + 0.5 * change, 0.05, 1.5)
-    narrow = row.vessel_width * _clip(0.6 - 0.6 * change, 0.05, 1.5)
+    width = row.vessel * _clip(0.5 + 0.5 * change, 0.05, 1.5)
+    narrow = row.fine_vessel * _clip(0.6 - 0.6 * change, 0.05, 1.5)
     blood = row.blood + row.blotches * blotch + row.fine_vessels * _line(fine, narrow, coarse)
     blood += row.vessels * (_line(large, width, spread) + 0.6 * _line(small, 0.6 * width, spread))
     at, begin = blood * np.float32((RAMP_SIZE - 1) / RAMP_BLOOD), 3 * i * RAMP_SIZE
@@ -189,9 +189,9 @@ def light_back(spot, i, row, lamp, way, normal, albedo):
         dull = row.tissue / (1.0 - facing * (1.0 - row.tissue))
         shine = fall * (row.gloss * wet * wet + row.sheen * dull * dull)
     one, bounce = np.float32(1), row.bounce
-    red = row.spot_ambient_r + row.light_r * ((cosine + row.wrap_r) * (one / (one + row.wrap_r)) + bounce)
-    green = row.spot_ambient_g + row.light_g * ((cosine + row.wrap_g) * (one / (one + row.wrap_g)) + bounce)
-    blue = row.spot_ambient_b + row.light_b * ((cosine + row.wrap_b) * (one / (one + row.wrap_b)) + bounce)
+    red = row.spot_ambient_r + row.light_r * ((cosine + row.wrap_r) * (one / (one + row.wrap_r)) + bounce * albedo[0])
+    green = row.spot_ambient_g + row.light_g * ((cosine + row.wrap_g) * (one / (one + row.wrap_g)) + bounce * albedo[1])
+    blue = row.spot_ambient_b + row.light_b * ((cosine + row.wrap_b) * (one / (one + row.wrap_b)) + bounce * albedo[2])
     return (
         albedo[0] * (row.ambient_r + fall * red) + shine * row.light_r,
         albedo[1] * (row.ambient_g + fall * green) + shine * row.light_g,
