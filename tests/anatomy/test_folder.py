@@ -165,6 +165,7 @@ def test_regions_can_be_told(tmp_path):
         load_anatomy(tmp_path / "tube.ply", regions=PAPER_SLABS, passages=False)
 
 
+@pytest.mark.slow
 def test_the_mean_nose_comes_with_all_that_is_known(mean_nose, mean_nose_ply, tmp_path):
     anatomy = load_anatomy(mean_nose_ply)
     assert anatomy.digest == mean_nose[0].digest
@@ -173,6 +174,7 @@ def test_the_mean_nose_comes_with_all_that_is_known(mean_nose, mean_nose_ply, tm
     same(load_anatomy(tmp_path), anatomy)
 
 
+@pytest.mark.slow
 def test_the_built_in_nose_goes_by_its_word(tmp_path):
     nose = load_anatomy("builtin")
     assert nose.name == "built-in nose"
