@@ -13,8 +13,9 @@ from naris.core.pose import Pose
 from naris.core.pose import distance as apart
 from naris.dataset.splits import SplitSizes, check_no_neighbours, make_splits, neighbours
 from naris.errors import DatasetError, PoseError, RegionError
+from naris.render.scene import Scene
 from naris.render.trajectories import Steering
-from naris.render.viewpoints import check_in_lumen
+from naris.render.viewpoints import check_in_lumen, sees_ahead
 from tests.winding_tube import SLABS, winding_tube
 
 SIZES = SplitSizes(train_positions=60, test_positions=10, per_position=4)
@@ -81,6 +82,15 @@ def test_cameras_are_in_the_lumen(splits) -> None:
     distance = signed_distance(winding_tube())
     for views in (splits.train, splits.published, splits.trajectory):
         check_in_lumen(distance, views.anatomy_T_camera, 0.85)
+
+
+def test_every_position_has_something_to_see(splits) -> None:
+    scene, deep = Scene(winding_tube()), Steering(median_depth_mm=15.0)
+    for views in (splits.train, splits.published, splits.trajectory):
+        assert sees_ahead(scene, views.anatomy_T_camera, 2.7).all()  # 3 mm but for the jitter
+    deeper = make_splits(winding_tube(), SLABS, np.random.default_rng(0), SIZES, deep)
+    assert sees_ahead(scene, deeper.train.anatomy_T_camera, 14.0).all()
+    assert not sees_ahead(scene, splits.train.anatomy_T_camera, 14.0).all()
 
 
 def test_the_same_seed_gives_the_same_splits(splits) -> None:

@@ -26,6 +26,7 @@ from naris.render.viewpoints import (
     joined,
     passage_directions,
     passages_of,
+    sees_ahead,
     tangents,
     tilted,
     upright,
@@ -110,6 +111,19 @@ def test_inspection_has_depth_ahead(scene, distance) -> None:
 
     assert (medians(deep) > 7.5).mean() > 0.97
     assert (medians(replace(deep, median_depth_mm=0.0)) < 7.5).mean() > 0.1, "without the check they are not deep"
+
+
+def test_a_view_into_the_void_is_no_view(scene) -> None:
+    """From inside all is wall; from outside, past the tube's flank, about half; away from it, nothing."""
+    up, side = np.array([0, 0, 1.0]), np.array([[1.0, 0, 0]])
+    inside = Pose.look(centre_line()[[80]], -np.roll(side, 1), up, "LPS")
+    flank = Pose.look(np.array([[-20.0, 0, RADIUS_MM]]), side, up, "LPS")
+    away = Pose.look(np.array([[-20.0, 0, 0]]), -side, up, "LPS")
+    three = Pose(np.concatenate([inside.matrix, flank.matrix, away.matrix]), "LPS", "camera")
+    assert sees_ahead(scene, three, 0.0).tolist() == [True, True, True]
+    assert sees_ahead(scene, three, 0.0, seen=0.1).tolist() == [True, True, False]
+    assert sees_ahead(scene, three, 0.0, seen=0.8).tolist() == [True, False, False]
+    assert sees_ahead(scene, three, 1.0).tolist()[2] is False
 
 
 def test_a_depth_that_no_view_has_is_refused_by_region(scene, distance) -> None:

@@ -25,6 +25,7 @@ from naris.core.anatomy import Anatomy, Passage, RegionSet
 from naris.core.pose import Pose
 from naris.errors import DatasetError, PoseError, RegionError
 from naris.render.keyframes import interpolate
+from naris.render.scene import Scene
 from naris.render.trajectories import (
     PAPER_STEERING,
     VIEWS_PER_POSITION,
@@ -35,7 +36,7 @@ from naris.render.trajectories import (
     roomy_parts,
     trajectory_along,
 )
-from naris.render.viewpoints import Viewpoints, joined, passages_of
+from naris.render.viewpoints import Viewpoints, joined, passages_of, sees_ahead
 
 NEIGHBOUR_MM = 2.0
 NEIGHBOUR_DEG = 15.0
@@ -85,11 +86,13 @@ def make_splits(
     sizes: SplitSizes = SplitSizes(),
     steering: Steering | None = None,
     jitter: Jitter = OriginalJitter(),
+    scene: Scene | None = None,
 ) -> Splits:
     """Steer through the passages again and again, and divide what is seen.
 
     Every region gets its share of positions, as equal as the lumen allows, in runs of positions 1 mm apart; of each
-    pass only a part is kept in a region, so that a region is seen on four passes or more.
+    pass only a part is kept in a region, so that a region is seen on four passes or more. Positions from which there is
+    nothing to see (`Steering.median_depth_mm`) are left out.
 
     Args:
         anatomy: to steer through, along its passages.
@@ -99,12 +102,13 @@ def make_splits(
         steering: how; with +z up, as the published viewer, in the mean nose, else upright, when None. Where a region
             is too narrow for its clearance, less is kept.
         jitter: between the views of a position.
+        scene: of the same anatomy, if there is one already.
 
     Raises:
         RegionError: if no trajectory reaches a region, or there is no test view without neighbours in one.
     """
     steering = steering or (PAPER_STEERING if anatomy.frame == "mean" else Steering())
-    pilot = _Pilot.in_(anatomy, regions, steering, sizes.per_position, jitter)
+    pilot = _Pilot.in_(scene or Scene(anatomy), regions, steering, sizes.per_position, jitter)
     on_way = _collect(pilot, sizes.train_positions + sizes.test_positions, _everything, rng, _SHORTEST_RUN)
     held_out = np.isin(on_way.position, _between(on_way, sizes.test_positions, rng))
     train, published = on_way[~held_out], on_way[held_out]
@@ -159,6 +163,7 @@ class _Pilot:
         reaches: (C, K) whether a course touches a region.
     """
 
+    scene: Scene
     courses: tuple[tuple[Passage, Steering], ...]
     reaches: Bool[np.ndarray, "c k"]
     distance: SignedDistance
@@ -167,7 +172,8 @@ class _Pilot:
     jitter: Jitter
 
     @staticmethod
-    def in_(anatomy: Anatomy, regions: RegionSet, steering: Steering, per_position: int, jitter: Jitter) -> _Pilot:
+    def in_(scene: Scene, regions: RegionSet, steering: Steering, per_position: int, jitter: Jitter) -> _Pilot:
+        anatomy = scene.anatomy
         distance = signed_distance(anatomy)
         passages = list(passages_of(anatomy, distance))
         missing = np.flatnonzero(~_any(_touched(passages, regions), 0))
@@ -187,7 +193,7 @@ class _Pilot:
                 f"none into {', '.join(unreached)}",
                 "merge such a region with a neighbour",
             )
-        return _Pilot(tuple(courses), reaches, distance, regions, per_position, jitter)
+        return _Pilot(scene, tuple(courses), reaches, distance, regions, per_position, jitter)
 
     def choose(self, region: int, uses: Int[np.ndarray, "c"], rng: np.random.Generator) -> int:
         """A course that touches a region, of those used least."""
@@ -195,10 +201,12 @@ class _Pilot:
         return int(rng.choice(there[uses[there] == uses[there].min()]))
 
     def steer(self, course: int, rng: np.random.Generator) -> Viewpoints:
-        """One pass along a course."""
+        """One pass along a course, without the positions where there is nothing to see."""
         passage, steering = self.courses[course]
         track = interpolate(trajectory_along(passage, self.distance, rng, steering), _STEP_MM)
-        return jitter_views(track, self.regions, rng, self.per_position, self.jitter)
+        views = jitter_views(track, self.regions, rng, self.per_position, self.jitter)
+        worth = sees_ahead(self.scene, track.anatomy_T_camera, steering.median_depth_mm)
+        return views[worth[views.position]]
 
 
 def _collect(pilot: _Pilot, total: int, accept: Accept, rng: np.random.Generator, shortest: int) -> Viewpoints:
@@ -238,7 +246,8 @@ def _run(
     views: Viewpoints, usable: Bool[np.ndarray, "n"], most: int, least: int, rng: np.random.Generator
 ) -> Int[np.ndarray, "m"]:
     """Positions in a row whose views are all usable: at most `most`, none if there are fewer than `least`."""
-    good = np.flatnonzero(np.bincount(views.position, usable) == np.bincount(views.position))
+    there = np.bincount(views.position)
+    good = np.flatnonzero((there > 0) & (np.bincount(views.position, usable) == there))
     stretches = [part for part in np.split(good, np.flatnonzero(np.diff(good) > 1) + 1) if len(part) >= max(least, 1)]
     if not stretches:
         return good[:0]

@@ -120,6 +120,7 @@ class Steering:
         side_mm: how far to the side of the passage keyframes may stand, where there is room.
         ahead_mm: the camera looks at the passage this far ahead.
         aim_sd_deg: how far from there its aim wanders, correlated from keyframe to keyframe.
+        median_depth_mm: a view with less (as `sees_ahead` judges) is no use to a person who steers.
         fixed_up: keep +z up, as the viewer of the published code does; else hold the camera as `upright` says, which
             suits passages that rise steeply.
     """
@@ -129,6 +130,7 @@ class Steering:
     side_mm: float = 4.0
     ahead_mm: float = 10.0
     aim_sd_deg: float = 8.0
+    median_depth_mm: float = 3.0
     fixed_up: bool = False
 
 

@@ -98,6 +98,7 @@ class ViewDistribution:
         roll_sd_deg: the camera is then rolled by a normal angle of this size, from upright (`upright`).
         median_depth_mm: views whose median z-depth over a square picture of 45° is less are drawn again.
         balanced: draw each region equally often; else each place in the lumen.
+        seen: views with less of that picture on a wall are drawn again too; a surface may have openings to see out of.
     """
 
     name: str
@@ -107,11 +108,14 @@ class ViewDistribution:
     roll_sd_deg: float
     median_depth_mm: float
     balanced: bool
+    seen: float = 0.3
 
     def __post_init__(self) -> None:
         sizes = (self.clearance_mm, self.tilt_sd_deg or 0.0, self.roll_sd_deg, self.median_depth_mm)
-        if min(sizes) < 0 or not 0 < self.tilt_max_deg <= 180:
-            raise InputError("angles and distances from 0 up, and a largest tilt of 0–180°", f"{self}", "correct them")
+        if min(sizes) < 0 or not 0 < self.tilt_max_deg <= 180 or not 0 <= self.seen <= 1:
+            raise InputError(
+                "angles and distances from 0 up, a largest tilt of 0–180° and a share of 0–1", f"{self}", "correct them"
+            )
 
 
 INSPECTION = ViewDistribution(
@@ -203,7 +207,7 @@ def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator) -
             break
         tried = np.repeat(still, 2)
         poses = _draw(bank, wanted[tried], rng)
-        good = np.flatnonzero(_sees_far_enough(scene, poses, bank.distribution.median_depth_mm))
+        good = np.flatnonzero(sees_ahead(scene, poses, bank.distribution.median_depth_mm, bank.distribution.seen))
         matrix[tried[good]] = poses.matrix[good]
         still = np.setdiff1d(still, tried[good], assume_unique=False)
     if len(still):
@@ -362,9 +366,17 @@ def _tilts_rad(distribution: ViewDistribution, n: int, rng: np.random.Generator)
     return sd * np.sqrt(-2 * np.log1p(-share * -np.expm1(-0.5 * (most / sd) ** 2)))
 
 
-def _sees_far_enough(scene: Scene, poses: Pose, median_depth_mm: float) -> Bool[np.ndarray, "n"]:
-    if median_depth_mm <= 0:
-        return np.ones(len(poses), dtype=bool)
-    probe = render(scene, poses, _PROBE, _ANY_LOOK, want=("depth",), threads=1)
-    depth = cast(np.ndarray, probe.depth_mm).reshape(len(poses), -1)
-    return np.median(depth, axis=1) >= median_depth_mm
+def sees_ahead(
+    scene: Scene, anatomy_T_camera: Pose, median_depth_mm: float, seen: float = 0.0
+) -> Bool[np.ndarray, "n"]:
+    """Whether the views (N,) have something to show, judged by 8×8 rays over a square of 45°.
+
+    Args:
+        scene: what is seen.
+        anatomy_T_camera: (N,).
+        median_depth_mm: least median z-depth; where there is no wall the depth counts as 0.
+        seen: least share of the picture that shows a wall.
+    """
+    probe = render(scene, anatomy_T_camera, _PROBE, _ANY_LOOK, want=("depth",), threads=1)
+    depth = cast(np.ndarray, probe.depth_mm).reshape(len(anatomy_T_camera), -1)
+    return (np.median(depth, axis=1) >= median_depth_mm) & ((depth > 0).mean(axis=1) >= seen)
