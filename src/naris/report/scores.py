@@ -103,7 +103,8 @@ class TestResult:
     Attributes:
         split: the key of a `Split`.
         runs: one score a run.
-        interval: 95 % bootstrap interval of the mean accuracy, or None.
+        interval: 95 % interval of the mean accuracy, by bootstrap over runs and over camera positions (all views of a
+            position together: they are near-copies), or None.
     """
 
     __test__ = False  # not a test for pytest to collect

@@ -118,7 +118,8 @@ def results(data: ReportData) -> Markup:
             )
     note = (
         "Accuracy: share of test pictures whose region is named rightly, mean ± standard deviation between runs. "
-        "Interval: of the mean, by bootstrap over runs and pictures. Chance: always naming the commonest region of the "
+        "Interval: of the mean, by bootstrap over runs and camera positions, all views of a position together. Chance: "
+        "always naming the commonest region of the "
         "test set. Errors between non-neighbours: share of the wrong answers that name a region which does not touch "
         "the true one. ECE: expected calibration error, 0 is perfect."
     )

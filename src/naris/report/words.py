@@ -144,8 +144,8 @@ def trust(data: ReportData) -> list[str]:
     if counts:
         size = f"{counts[0]:,}" if len(counts) == 1 else f"{counts[0]:,} to {counts[-1]:,}"
         said.append(
-            f"Each test set holds {size}\u00a0pictures. Pictures of one trajectory resemble each other, so intervals "
-            "that treat them as independent are rather too narrow than too wide."
+            f"Each test set holds {size}\u00a0pictures. The intervals count the near-copies of one camera position "
+            "together; neighbouring positions still resemble each other, so they are rather too narrow than too wide."
         )
     once = [n.called for n in data.networks if n.tests and all(len(test.runs) == 1 for test in n.tests)]
     if once:
