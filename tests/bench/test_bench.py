@@ -15,6 +15,7 @@ from naris.anatomy.folder import save_anatomy
 from naris.bench import BENCHMARKS, Benchmark, BenchRequest, Measurement
 from naris.bench.result import Figure, read_result
 from naris.cli import main
+from naris.dataset.splits import SplitSizes
 from tests.winding_tube import winding_tube
 
 
@@ -78,15 +79,19 @@ def test_every_benchmark_that_is_listed_is_there(name: str) -> None:
     assert callable(importlib.import_module(BENCHMARKS[name].module).measure)
 
 
-@pytest.mark.slow
-def test_simulate_counts_the_published_pictures(tmp_path: Path) -> None:
+def test_simulate_counts_the_published_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from naris.bench import simulate
+
+    published = simulate.SIZES
+    assert (published.train_positions + published.test_positions) * published.per_position == 40
+    monkeypatch.setattr(simulate, "SIZES", SplitSizes(train_positions=16, test_positions=4, per_position=2))
     save_anatomy(winding_tube(), tmp_path / "tube")
     out = tmp_path / "simulate.json"
     assert main(["bench", "simulate", "--anatomy", str(tmp_path / "tube"), "-o", str(out), "--quiet"]) == 0
     result = read_result(out)
-    figure = result.figure("simulate.1420.seconds")
-    assert figure.n == 1420
+    figure = result.figure("simulate.40.seconds")
+    assert figure.n == 40
     assert figure.goal == 60
     assert 0 < (figure.value or 0) < result.seconds.wall
-    assert (result.figure("simulate.1420.cpu_seconds").value or 0) < result.seconds.cpu
+    assert (result.figure("simulate.40.cpu_seconds").value or 0) < result.seconds.cpu
     assert "winding tube" in result.inputs["anatomy"]

@@ -40,7 +40,10 @@ def test_names_are_those_of_the_documents(data: ReportData) -> None:
         for what in ("accuracy", "nonneighbour_error", "ece")
     }
     expected |= {f"reproduce.compact.at_will.{what}" for what in ("accuracy", "nonneighbour_error", "ece")}
+    expected.add("reproduce.two_layer.training_seconds")  # the only training among the stages
     assert figures.keys() == expected
+    assert figures["reproduce.two_layer.training_seconds"].goal == 45 * 60
+    assert figures["reproduce.two_layer.training_seconds"].value == 2400.0
     assert figures["reproduce.compact.trajectory.accuracy"].goal == 0.5
     assert figures["reproduce.compact.at_will.accuracy"].goal == 0.93
     assert figures["reproduce.two_layer.published.accuracy"].peers == {"published": 0.7653}

@@ -175,7 +175,7 @@ def make_reproduce(anatomy: Anatomy, pictures: np.ndarray) -> ReportData:
             "training": {"optimiser": "Adam", "rate": {"start": 0.001, "end": 0.0001}},
             "camera": {"fov_deg": 45},
         },
-        stages=(Stage("simulate", "1,570 pictures", 41.0, 80.0), Stage("train", "10 runs", 2400.0, 4600.0)),
+        stages=(Stage("simulate", "1,570 pictures", 41.0, 80.0), Stage("train: two-layer", "5 runs", 2400.0, 4600.0)),
         machine={"processor": "a processor", "cores": 2, "memory_gib": 24.0},
         versions={"naris": "0.1.0", "python": "3.11.0"},
         commit="0123456789abcdef",

@@ -90,3 +90,16 @@ def test_numbers_as_people_say_them() -> None:
     assert words.reach([0.1, 0.1]) == "10.0\u00a0%"
     assert words.counted(3) == "three"
     assert words.counted(1420) == "1,420"
+
+
+def test_labels_become_phrases(reproduce_data: ReportData) -> None:
+    network = replace(reproduce_data.networks[0], phrase=None)
+    assert replace(network, label="compact").called == "the compact network"
+    assert replace(network, label="compact, views at will").called == "the compact network (views at will)"
+    assert replace(network, phrase="ours").called == "ours"
+
+
+def test_the_hardest_test_is_spoken_of(reproduce_data: ReportData) -> None:
+    first, second, _ = reproduce_data.networks
+    assert [test.split for test in words.main_tests(reproduce_data, first)] == ["published", "trajectory"]
+    assert [test.split for test in words.main_tests(reproduce_data, second)] == ["trajectory_texture"]

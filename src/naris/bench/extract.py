@@ -9,6 +9,7 @@ from naris.report.scores import TestResult
 GOALS = {
     "reproduce.compact.trajectory.accuracy": 0.50,
     "reproduce.compact.at_will.accuracy": 0.93,
+    "reproduce.two_layer.training_seconds": 45 * 60.0,
     "demo.region_accuracy": 0.85,
 }
 DEMO_GOAL_S = 300.0
@@ -21,10 +22,20 @@ def reproduce_figures(data: ReportData) -> tuple[Figure, ...]:
 
     `reproduce.<network>.<split>.accuracy`, `.nonneighbour_error` (share of the wrong answers) and `.ece`; for the
     network trained on views at will, `reproduce.compact.at_will.…` is `trajectory_texture`; other splits add theirs.
+    `reproduce.<network>.training_seconds` is the wall clock of all its runs.
     """
-    return tuple(
+    figures = [
         figure for network in data.networks for test in network.tests for figure in _of_test(data, network, test)
-    )
+    ]
+    for network in data.networks:
+        spent = [stage for stage in data.stages if stage.name == f"train: {network.label}"]
+        runs, name = len(network.training), f"reproduce.{_base(network)}.training_seconds"
+        figures += [Figure(name, stage.wall_s, "s", runs, "lower", GOALS.get(name)) for stage in spent]
+    return tuple(figures)
+
+
+def _base(network: NetworkResult) -> str:
+    return "compact.at_will" if network.key == AT_WILL else network.key
 
 
 def demo_figures(data: ReportData, wall_s: float) -> tuple[Figure, ...]:
@@ -39,9 +50,9 @@ def demo_figures(data: ReportData, wall_s: float) -> tuple[Figure, ...]:
 
 
 def _of_test(data: ReportData, network: NetworkResult, test: TestResult) -> list[Figure]:
-    base = f"reproduce.{network.key}.{test.split}"
-    if network.key == AT_WILL:
-        base = "reproduce.compact.at_will" + ("" if test.split == _AT_WILL_SPLIT else f".{test.split}")
+    base = f"reproduce.{_base(network)}.{test.split}"
+    if network.key == AT_WILL and test.split == _AT_WILL_SPLIT:
+        base = f"reproduce.{_base(network)}"
     n, name = _count(test), f"{base}.accuracy"
     peers = _peers(data.published) if data.published and data.split(test.split).leaky else {}
     wrong = n - int(test.confusion.trace())

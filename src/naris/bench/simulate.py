@@ -13,10 +13,11 @@ from naris.bench.subject import Subject, subject
 from naris.core.camera import Intrinsics
 from naris.core.provenance import Stopwatch
 from naris.dataset.generate import Simulation, simulate
-from naris.dataset.splits import make_splits
+from naris.dataset.splits import SplitSizes, make_splits
 from naris.render.viewpoints import Viewpoints, joined
 
 GOAL_S = 60.0
+SIZES = SplitSizes()
 _CAMERA = Intrinsics.from_vertical_fov(300, 300, 45.0)
 
 
@@ -51,5 +52,5 @@ def measure(request: BenchRequest) -> Measurement:
 
 def _views(what: Subject, seed: int) -> Viewpoints:
     """The 1,420 views of the published experiment."""
-    splits = make_splits(what.anatomy, what.anatomy.region_set(), np.random.default_rng(seed))
+    splits = make_splits(what.anatomy, what.anatomy.region_set(), np.random.default_rng(seed), SIZES)
     return joined([splits.train, splits.published])

@@ -25,11 +25,13 @@ class Subject:
     Attributes:
         anatomy: with regions and passages.
         appearance: the published light, and the texture if there is one.
+        texture: the picture of the walls, None without one.
         inputs: role → name and digest, for the record.
     """
 
     anatomy: Anatomy
     appearance: Appearance
+    texture: Path | None
     inputs: Mapping[str, str]
 
 
@@ -53,6 +55,6 @@ def subject(request: BenchRequest) -> Subject:
     anatomy = load_anatomy(what)
     inputs = {"anatomy": f"{anatomy.name}, digest {anatomy.digest}"}
     if texture is None:
-        return Subject(anatomy, PAPER, inputs)
+        return Subject(anatomy, PAPER, None, inputs)
     inputs["texture"] = f"{texture.name}, SHA-256 {file_digest(Path(texture))}"
-    return Subject(anatomy, PAPER.with_(material=TextureColours.read(texture)), inputs)
+    return Subject(anatomy, PAPER.with_(material=TextureColours.read(texture)), texture, inputs)

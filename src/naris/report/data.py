@@ -159,7 +159,8 @@ class NetworkResult:
     Attributes:
         key: `two_layer`, `compact` or `compact_at_will`, as in the names of figures; any other identifier works.
         label: short, for tables and charts, e.g. `compact, views at will`.
-        phrase: in a sentence, e.g. `the compact network trained on views at will`; None makes it `the … network`.
+        phrase: in a sentence, e.g. `the compact network trained on views at will`; None makes `the compact network
+            (views at will)` of the label `compact, views at will`.
         description: what the network is, one sentence.
         trained_on: what it learned from, one sentence.
         pictures: training pictures seen in all (with those of an endless stream), or None.
@@ -182,7 +183,8 @@ class NetworkResult:
 
     @property
     def called(self) -> str:
-        return self.phrase or f"the {self.label} network"
+        kind, _, way = self.label.partition(", ")
+        return self.phrase or f"the {kind} network" + (f" ({way})" if way else "")
 
     def test(self, split: str) -> TestResult | None:
         """The result on that split, if it was measured."""

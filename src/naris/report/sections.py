@@ -315,17 +315,16 @@ def _mapping(title: str, values: Mapping[str, Any]) -> Markup:
 
 
 def headline(data: ReportData) -> Markup:
-    """The main figures as tiles: published; leaky and clean of the first network; clean of every other."""
+    """The main figures as tiles: published; leaky and clean of the first network; the hardest of every other."""
     tiles = []
     if data.published:
         figure_ = words.spread(data.published.accuracy, data.published.std)
         tiles.append(_tile(figure_, "published", f"{data.published.runs} runs", "plain"))
     for network in data.networks:
-        for leaky in (True, False):
-            tests = [test for test in network.tests if data.split(test.split).leaky == leaky]
-            if tests and (not leaky or network is data.networks[0]):
-                number, where = words.spread(tests[0].mean, tests[0].std), data.split(tests[0].split).label
-                tiles.append(_tile(number, network.label, where, "leaky" if leaky else "clean"))
+        for test in words.main_tests(data, network):
+            split = data.split(test.split)
+            number, kind = words.spread(test.mean, test.std), "leaky" if split.leaky else "clean"
+            tiles.append(_tile(number, network.label, split.label, kind))
     return element("div", tiles, class_="tiles")
 
 
