@@ -83,7 +83,7 @@ def test_simulate_counts_the_published_pictures(tmp_path: Path, monkeypatch: pyt
     from naris.bench import simulate
 
     published = simulate.SIZES
-    assert (published.train_positions + published.test_positions) * published.per_position == 40
+    assert (published.train_positions + published.test_positions) * published.per_position == 1420
     monkeypatch.setattr(simulate, "SIZES", SplitSizes(train_positions=16, test_positions=4, per_position=2))
     save_anatomy(winding_tube(), tmp_path / "tube")
     out = tmp_path / "simulate.json"

@@ -54,7 +54,7 @@ def _of_test(data: ReportData, network: NetworkResult, test: TestResult) -> list
     if network.key == AT_WILL and test.split == _AT_WILL_SPLIT:
         base = f"reproduce.{_base(network)}"
     n, name = _count(test), f"{base}.accuracy"
-    peers = _peers(data.published) if data.published and data.split(test.split).leaky else {}
+    peers = _peers(data.published) if data.published and data.split(test.split).leaky and not network.at_will else {}
     wrong = n - int(test.confusion.trace())
     far = test.nonneighbour_error(data.anatomy.regions.neighbours)
     figures = [

@@ -186,6 +186,11 @@ class NetworkResult:
         kind, _, way = self.label.partition(", ")
         return self.phrase or f"the {kind} network" + (f" ({way})" if way else "")
 
+    @property
+    def at_will(self) -> bool:
+        """Whether it learned from views drawn anew: then it has no training pictures that a test could be near to."""
+        return self.key.endswith("at_will")
+
     def test(self, split: str) -> TestResult | None:
         """The result on that split, if it was measured."""
         return next((test for test in self.tests if test.split == split), None)

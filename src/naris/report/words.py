@@ -64,30 +64,40 @@ def capital(text: str) -> str:
 
 
 def lede(data: ReportData) -> str:
-    """The outcome in two or three sentences."""
+    """The outcome in two or three sentences; a demo begins with what its network can do."""
     if not data.networks:
         return "Nothing was trained or tested."
-    said = []
-    first = data.networks[0]
-    leaky, clean = _by_kind(data, first)
-    if leaky and clean:
+    parts = [_leak_in_short(data), _best_in_short(data)]
+    if data.kind == "demo":
+        parts.reverse()
+    return " ".join([*(part for part in parts if part), "All pictures are simulated."])
+
+
+def _leak_in_short(data: ReportData) -> str | None:
+    for network in data.networks:
+        leaky, clean = _by_kind(data, network)
+        if not leaky or not clean:
+            continue
         a, b = leaky[0], clean[0]
-        said.append(
-            f"{capital(data.split(a.split).called)}, {first.called} names the right region in {share(a.mean)} of the "
+        said = (
+            f"{capital(data.split(a.split).called)}, {network.called} names the right region in {share(a.mean)} of the "
             f"pictures; {data.split(b.split).called}, in {share(b.mean)}."
         )
         if a.mean - b.mean > LARGE_DROP:
-            said.append("The first figure mostly tells how well it interpolates between near-duplicate views.")
+            said += " The first figure mostly tells how well it interpolates between near-duplicate views."
+        return said
+    return None
+
+
+def _best_in_short(data: ReportData) -> str | None:
     hardest = [(network, test) for network in data.networks if (test := hardest_test(data, network)) is not None]
-    best = max(hardest, key=lambda pair: pair[1].mean, default=None)
-    if best and (best[0] is not first or not leaky):
-        network, test = best
-        said.append(
-            f"{capital(data.split(test.split).called)}, {network.called} names the right one of "
-            f"{counted(len(data.anatomy.regions.names))} regions in {share(test.mean)} of the pictures."
-        )
-    said.append("All pictures are simulated.")
-    return " ".join(said)
+    if not hardest:
+        return None
+    network, test = max(hardest, key=lambda pair: pair[1].mean)
+    return (
+        f"{capital(data.split(test.split).called)}, {network.called} names the right one of "
+        f"{counted(len(data.anatomy.regions.names))} regions in {share(test.mean)} of the pictures."
+    )
 
 
 def done(data: ReportData) -> list[str]:
@@ -229,17 +239,16 @@ def hardest_test(data: ReportData, network: NetworkResult) -> TestResult | None:
 
 
 def main_tests(data: ReportData, network: NetworkResult) -> list[TestResult]:
-    """What to speak of first: of the first network a leaky and a clean test, of the others the hardest."""
+    """What to speak of first: a leaky and a clean test of the first network that has both; else the hardest."""
     leaky, clean = _by_kind(data, network)
-    if network is data.networks[0]:
-        return [*leaky[:1], *clean[:1]]
-    return clean[-1:] or leaky[:1]
+    first = next((n for n in data.networks if all(_by_kind(data, n))), None)
+    return [leaky[0], clean[0]] if network is first else clean[-1:] or leaky[:1]
 
 
 def _by_kind(data: ReportData, network: NetworkResult) -> tuple[list[TestResult], list[TestResult]]:
-    """Tests on leaky splits, and on clean ones."""
-    leaky = [test for test in network.tests if data.split(test.split).leaky]
-    return leaky, [test for test in network.tests if not data.split(test.split).leaky]
+    """Tests on leaky splits, and on clean ones; for a network that never saw the training pictures all are clean."""
+    leaky = [test for test in network.tests if data.split(test.split).leaky and not network.at_will]
+    return leaky, [test for test in network.tests if test not in leaky]
 
 
 def _line(data: ReportData, network: NetworkResult) -> str:
@@ -247,7 +256,7 @@ def _line(data: ReportData, network: NetworkResult) -> str:
     for test in network.tests:
         split = data.split(test.split)
         said = f"{spread(test.mean, test.std)} {split.called}"
-        if data.published and split.leaky:
+        if data.published and split.leaky and not network.at_will:
             figure = spread(data.published.accuracy, data.published.std)
             said += f" ({against_published(test, data.published)} the published {figure})"
         parts.append(said)
