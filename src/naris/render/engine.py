@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,18 +12,18 @@ import numpy as np
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Intrinsics
 from naris.errors import EngineUnavailable, InputError
-from naris.render.appearance import Appearance
+from naris.render.appearance import PAPER
 from naris.render.reference import NumpyEngine
-from naris.render.scene import Engine, EngineName, Shot
+from naris.render.scene import Engine, Shot
 
-ENGINES: tuple[EngineName, ...] = ("auto", "fast", "numpy")
+ENGINES = ("auto", "fast", "numpy")
 _PATIENCE_S = 2.0
 _TEST_PIXELS = 32
 _TEST_DEPTH_MM = 1e-3
 _log = logging.getLogger(__name__)
 
 
-def start_engine(anatomy: Anatomy, name: EngineName) -> Engine:
+def start_engine(anatomy: Anatomy, name: str) -> Engine:
     """The engine of that name for an anatomy.
 
     Raises:
@@ -54,7 +55,12 @@ def why_not_fast() -> str | None:
     note.daemon = True
     note.start()
     try:
-        return _self_test()
+        from numba.core.errors import NumbaError
+
+        try:
+            return _self_test()
+        except NumbaError as error:
+            return f"numba cannot compile it: {str(error).splitlines()[0]}"
     except (EngineUnavailable, OSError, ImportError) as error:
         return str(error)
     finally:
@@ -70,7 +76,7 @@ def _self_test() -> str | None:
         np.eye(3, dtype=np.float32)[None],
         np.array([[0.5, -0.3, 0.2]], np.float32),
         Intrinsics.from_vertical_fov(_TEST_PIXELS, _TEST_PIXELS, 90.0),
-        [Appearance()],
+        [PAPER.with_(light=replace(PAPER.light, cutoff_deg=60.0))],
         np.zeros(1, np.int64),
         frozenset(("rgb", "depth", "face_id")),
         1,

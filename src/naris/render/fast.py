@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import itertools
+import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -27,7 +28,7 @@ from naris.render.lanes import LANES
 from naris.render.look import pack
 from naris.render.packets import PACKET_FIELDS, Embree, Packet
 from naris.render.rays import ray_table
-from naris.render.scene import Channel, Rendering, Shot
+from naris.render.scene import Rendering, Shot
 from naris.render.shading import METER_BINS
 
 _ALIGNMENT = 64
@@ -79,7 +80,7 @@ class FastEngine:
             render_frames(self._embree, camera, surface, poses, tables, seeds, piece, out, scratch, sources)
 
         pieces = _pieces(len(shot), shot.threads)
-        list(map(work, pieces) if len(pieces) <= 1 else _pool(shot.threads).map(work, pieces))
+        list(map(work, pieces) if len(pieces) <= 1 else _pool(shot.threads, os.getpid()).map(work, pieces))
         return _as_pictures(out, shot)
 
 
@@ -107,7 +108,8 @@ def _pieces(frames: int, threads: int) -> list[tuple[int, int]]:
 
 
 @lru_cache(maxsize=4)
-def _pool(threads: int) -> ThreadPoolExecutor:
+def _pool(threads: int, process: int) -> ThreadPoolExecutor:
+    """The threads of a process: a forked one inherits the pool without its threads, and needs its own."""
     return ThreadPoolExecutor(threads, thread_name_prefix="naris-render")
 
 
@@ -156,7 +158,7 @@ def _outputs(shot: Shot) -> Outputs:
 def _as_pictures(out: Outputs, shot: Shot) -> Rendering:
     size = (len(shot), shot.intrinsics.height, shot.intrinsics.width)
 
-    def shaped(name: Channel, values: np.ndarray, *tail: int) -> np.ndarray | None:
+    def shaped(name: str, values: np.ndarray, *tail: int) -> np.ndarray | None:
         return values.reshape(*size, *tail) if name in shot.want else None
 
     return Rendering(

@@ -65,7 +65,7 @@ def _winding_volumes(rng: np.random.Generator, out: Float32[np.ndarray, "2 x y z
     out[0, ..., 1] = _unit_variance(_gaussian(_band(rng, 2.5, 0.4)))
     for volume, channel in ((0, 2), (0, 3), (1, 0)):
         band = _band(rng, 1.3, 0.5)
-        slope = np.sqrt(sum(_gaussian(d) ** 2 for d in _derivatives(band)).mean())
+        slope = np.sqrt(np.square([_gaussian(d) for d in _derivatives(band)]).sum(axis=0).mean())
         out[volume, ..., channel] = _gaussian(band) / slope
     height = np.fft.rfftn(_nearest(rng), axes=(0, 1, 2))
     frequency = sum(f**2 for f in _frequencies())

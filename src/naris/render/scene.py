@@ -68,7 +68,7 @@ class Shot:
     intrinsics: Intrinsics
     appearances: Sequence[Appearance]
     seeds: Integer[np.ndarray, "n"]
-    want: frozenset[Channel]
+    want: frozenset[str]
     threads: int
 
     def __len__(self) -> int:
@@ -117,7 +117,7 @@ def render(
     intrinsics: Intrinsics,
     appearance: Appearance | Sequence[Appearance] = ENDOSCOPE,
     *,
-    want: Sequence[Channel] = CHANNELS,
+    want: Sequence[str] = CHANNELS,
     seeds: Integer[np.ndarray, "n"] | None = None,
     threads: int | None = None,
 ) -> Rendering:

@@ -89,7 +89,7 @@ def radiance(
     return out.astype(np.float32)
 
 
-def _lobe(cosine_squared: Float32[np.ndarray, "m"], alpha_squared: float) -> Float32[np.ndarray, "m"]:
+def _lobe(cosine_squared: Float32[np.ndarray, "m"], alpha_squared: np.float32) -> Float32[np.ndarray, "m"]:
     return (alpha_squared / (1 - cosine_squared * (1 - alpha_squared))) ** 2
 
 
