@@ -52,7 +52,9 @@ def accuracy_bars(data: ReportData) -> Markup:
     )
     used = [split for split in data.splits if any(n.test(split.key) for n in data.networks)]
     entries = [(series(data, split.key), split.label) for split in used]
-    extra = [("whisker", "95 % interval"), ("run", "one run"), ("chance", "always the commonest region")]
+    extra = [("whisker", "95\u00a0% interval"), ("chance", "always the commonest region")]
+    if any(len(test.runs) > 1 for _, tests in groups for test in tests):
+        extra.insert(1, ("run", "one run"))
     return join(axes.draw(alt, marks), legend(entries + extra))
 
 

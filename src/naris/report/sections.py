@@ -15,6 +15,7 @@ from naris.report.pictures import css_colour, picture, region_colours
 
 _MAX_VIEWS = 6
 _MAX_LOCATED = 24
+_FEW_REGIONS = 6
 
 
 def figure(content: Child, caption: Child, class_: str | None = None) -> Markup:
@@ -123,7 +124,8 @@ def results(data: ReportData) -> Markup:
         "test set. Errors between non-neighbours: share of the wrong answers that name a region which does not touch "
         "the true one. ECE: expected calibration error, 0 is perfect."
     )
-    caption = "Leaky and clean side by side. " + ("The band is the published figure. " if data.published else "")
+    both = "Leaky and clean side by side. " if any(split.leaky for split in data.splits) else ""
+    caption = both + ("The band is the published figure." if data.published else "")
     return join(
         figure(charts.accuracy_bars(data), caption, "wide"), table(head, rows), element("p", note, class_="small")
     )
@@ -151,10 +153,13 @@ def confusions(data: ReportData) -> Markup:
             title = f"{data.split(test.split).label}: {words.share(test.mean)}"
             small = element("div", every, class_="runs") if len(test.runs) > 1 else None
             columns.append(element("div", element("h4", title), mean, small, class_="confusion"))
-        parts += [element("h3", network.label), element("div", columns, class_="thirds")]
+        parts += [
+            element("h3", network.label),
+            element("div", columns, class_="thirds" if len(names) <= _FEW_REGIONS else "halves"),
+        ]
     caption = (
-        "Row: true region; column: answer. Large: per cent of the row over all runs; small: pictures, run by run. "
-        "Strength of colour: share of the row."
+        "Row: true region; column: answer. Large: per cent of the row over all runs; small, if there are several: "
+        "pictures, run by run. Strength of colour: share of the row."
     )
     return figure(parts, caption, "wide")
 
