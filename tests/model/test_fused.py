@@ -9,7 +9,7 @@ from torch.nn import functional
 
 from naris.errors import ImageError
 from naris.model.fused import conv_relu_pool
-from naris.model.two_layer import TwoLayer, pooled_px, to_input
+from naris.model.two_layer import TwoLayer, TwoLayerConfig, pooled_px, to_input
 
 TOLERANCE = 1e-4
 
@@ -43,7 +43,7 @@ def test_conv_relu_pool_agrees_with_torch(channels: int, outputs: int, height: i
 
 def test_two_layer_gives_torchs_loss_and_gradients() -> None:
     torch.manual_seed(0)
-    network = TwoLayer(4, 44)
+    network = TwoLayer(4, TwoLayerConfig(44))
     images = torch.randint(0, 256, (6, 44, 44, 3), dtype=torch.uint8)
     regions = torch.tensor([0, 1, 2, 3, 0, 1])
     gradients = []
@@ -77,4 +77,4 @@ def test_input_is_raw() -> None:
 
 def test_too_small_input_is_refused() -> None:
     with pytest.raises(ImageError, match="at least 16 pixels"):
-        TwoLayer(4, 12)
+        TwoLayerConfig(12)

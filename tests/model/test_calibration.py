@@ -1,0 +1,59 @@
+"""Temperature and strangeness, on data whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import log_softmax as scipys_log_softmax
+
+from naris.model.calibration import Calibration, Scale, fit_temperature, fit_usual, log_softmax
+
+
+def test_log_softmax_agrees_with_scipy() -> None:
+    logits = np.random.default_rng(0).normal(size=(50, 7)) * 300
+    assert np.allclose(log_softmax(logits), scipys_log_softmax(logits, axis=1))
+
+
+@pytest.mark.parametrize("temperature", [0.5, 1.0, 3.0])
+def test_the_temperature_that_made_the_labels_is_found(temperature: float) -> None:
+    rng = np.random.default_rng(0)
+    logits = (rng.normal(size=(20_000, 4)) * 3).astype(np.float32)
+    p = np.exp(log_softmax(logits.astype(np.float64) / temperature))
+    labels = (p.cumsum(axis=1) < rng.random((len(p), 1))).sum(axis=1)
+    assert fit_temperature(logits, labels) == pytest.approx(temperature, rel=0.05)
+
+
+def test_distances_agree_with_the_definition_and_strangers_score_high() -> None:
+    rng = np.random.default_rng(1)
+    shape = rng.normal(size=(5, 5))
+    means = rng.normal(size=(3, 5)) * 10
+
+    def usual_ones(n: int) -> tuple[np.ndarray, np.ndarray]:
+        label = rng.integers(0, 3, n)
+        return (means[label] + rng.normal(size=(n, 5)) @ shape.T).astype(np.float32), label
+
+    embedding, label = usual_ones(4000)
+    kept, _ = usual_ones(4000)
+    usual = fit_usual(embedding, label, kept)
+    covariance = np.linalg.inv(usual.whitening.astype(np.float64) @ usual.whitening.T.astype(np.float64))
+    inverse = np.linalg.inv(covariance)
+    off = kept[:10, None].astype(np.float64) - usual.mean[None]
+    mahalanobis = np.sqrt(np.einsum("nki,ij,nkj->nk", off, inverse, off)).min(axis=1)
+    assert np.allclose(usual.distances(kept[:10]), mahalanobis, rtol=1e-3)
+    fresh, _ = usual_ones(4000)
+    score = usual.out_of_domain(fresh, None)
+    assert (score == 0).mean() == pytest.approx(0.95, abs=0.02)
+    assert (score > 0.5).mean() == pytest.approx(0.005, abs=0.004)
+    assert (usual.out_of_domain((rng.normal(size=(50, 5)) * 200).astype(np.float32), None) == 1).mean() > 0.9
+
+
+def test_the_scale_is_flat_then_rises_then_stays() -> None:
+    scale = Scale(2.0, 4.0)
+    assert scale.score(np.array([-9.0, 2.0, 4.0, 6.0, 99.0])).tolist() == [0.0, 0.0, 0.5, 1.0, 1.0]
+
+
+def test_a_region_without_pictures_is_left_out() -> None:
+    embedding = np.random.default_rng(0).normal(size=(60, 4)).astype(np.float32)
+    usual = fit_usual(embedding, np.arange(60) % 2 * 2, embedding)
+    assert usual.mean.shape == (2, 4)
+    assert Calibration(1.0, 0, usual).to_json()["scales"].keys() == {"distance"}
