@@ -1,0 +1,151 @@
+"""How a network is trained: settings, and the presets that the commands use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from naris.errors import InputError
+from naris.model.compact import CompactConfig
+from naris.model.losses import COMPACT_LOSS, LossWeights
+from naris.model.two_layer import TwoLayerConfig
+from naris.train.augment import FEW_PICTURES, SEEN_AGAIN, Augmentation
+
+Precision = Literal["float32", "bfloat16", "auto"]
+
+
+@dataclass(frozen=True)
+class Adam:
+    """The optimiser (D. Kingma, J. Ba 2015).
+
+    Attributes:
+        learning_rate: at its highest.
+        weight_decay: added to the gradient as in the original (L2), or taken off the weights if `decoupled`.
+        decoupled: I. Loshchilov, F. Hutter 2019.
+        cycle: let the learning rate rise over the first sixth and fall along a cosine (L. Smith 2018); else constant.
+    """
+
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-3
+    decoupled: bool = False
+    cycle: bool = False
+
+
+@dataclass(frozen=True)
+class Replay:
+    """How views of a stream come back: rendering one may cost more than learning from it.
+
+    Attributes:
+        times: batches that a rendered batch's worth of views is used for, on average.
+        memory: batches that are remembered; each training batch is drawn from these at random.
+    """
+
+    times: int = 3
+    memory: int = 64
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Everything that decides the weights, but for the data.
+
+    Exactly one of `epochs`, `steps` and `budget_s` says how long.
+
+    Attributes:
+        name: of the preset, for reports.
+        network: and its shape.
+        seed: of the initial weights, the order of the pictures and their changes.
+        batch: pictures a step.
+        epochs: passes through a fixed set.
+        steps: batches.
+        budget_s: wall seconds of training; the learning rate follows the clock, so the result depends on the machine.
+        adam: the optimiser.
+        average: decay a step of the running average of the weights that is kept in the end; 0 keeps the last weights.
+        loss: of the compact network.
+        augmentation: None shows pictures as they are.
+        replay: of a stream; None shows every view once.
+        strangers: share of a batch that is pictures of something else (compact network only).
+        validation_share: of the trajectories of a fixed set that are kept apart to calibrate the network.
+        precision: of the compact network's maps; `auto` is bfloat16 where the processor computes in it.
+        threads: None leaves torch's number.
+        state_every_s: seconds between the states from which a killed run goes on.
+    """
+
+    name: str
+    network: TwoLayerConfig | CompactConfig
+    seed: int = 0
+    batch: int = 64
+    epochs: int | None = None
+    steps: int | None = None
+    budget_s: float | None = None
+    adam: Adam = Adam()
+    average: float = 0.0
+    loss: LossWeights = COMPACT_LOSS
+    augmentation: Augmentation | None = None
+    replay: Replay | None = None
+    strangers: float = 0.0
+    validation_share: float = 0.0
+    precision: Precision = "float32"
+    threads: int | None = None
+    state_every_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        lengths = [length for length in (self.epochs, self.steps, self.budget_s) if length is not None]
+        if len(lengths) != 1 or min(lengths) <= 0 or self.batch < 2:
+            raise InputError(
+                "one of epochs, steps and budget_s above 0, and a batch of 2 pictures or more",
+                f"epochs {self.epochs}, steps {self.steps}, budget_s {self.budget_s}, batch {self.batch}",
+                "correct the training settings",
+            )
+
+    def with_(self, **changes: Any) -> TrainConfig:
+        """A copy with some settings replaced."""
+        return replace(self, **changes)
+
+    def lasting(
+        self, *, epochs: int | None = None, steps: int | None = None, budget_s: float | None = None
+    ) -> TrainConfig:
+        """A copy that trains for so long."""
+        return replace(self, epochs=epochs, steps=steps, budget_s=budget_s)
+
+    @property
+    def made_of(self) -> TrainConfig:
+        """What decides the result: the settings without those that only say how the work is done."""
+        return replace(self, threads=None, state_every_s=60.0)
+
+
+PUBLISHED = TrainConfig(
+    name="published",
+    network=TwoLayerConfig(),
+    batch=20,
+    epochs=30,
+    adam=Adam(learning_rate=1e-3, weight_decay=1e-3),
+)
+"""The two-layer network as in Sinha et al. 2018: raw pixels, Adam, batches of 20, 30 epochs, the last weights."""
+
+COMPACT_FEW = TrainConfig(
+    name="compact, few pictures",
+    network=CompactConfig(),
+    epochs=60,
+    adam=Adam(learning_rate=3e-3, weight_decay=0.05, decoupled=True, cycle=True),
+    average=0.995,
+    augmentation=FEW_PICTURES,
+    strangers=0.06,
+    precision="auto",
+)
+"""The compact network on a fixed set of a thousand pictures or so."""
+
+COMPACT_AT_WILL = TrainConfig(
+    name="compact, views at will",
+    network=CompactConfig(),
+    steps=6000,
+    adam=Adam(learning_rate=3e-3, weight_decay=0.05, decoupled=True, cycle=True),
+    average=0.998,
+    augmentation=SEEN_AGAIN,
+    replay=Replay(),
+    strangers=0.06,
+    precision="auto",
+)
+"""The compact network on views that are rendered as it learns."""
+
+COMPACT_DEMO = COMPACT_AT_WILL.lasting(budget_s=140.0).with_(name="compact, demo", average=0.995)
+"""The same in little more than two minutes."""

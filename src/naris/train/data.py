@@ -1,0 +1,284 @@
+"""What a network learns from: a fixed set of pictures, or a stream of views that never ends."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from naris.core.anatomy import Anatomy, RegionSet
+from naris.core.camera import Intrinsics
+from naris.core.pose import Pose
+from naris.core.provenance import digest
+from naris.dataset.read import Dataset
+from naris.dataset.stream import Batch
+from naris.errors import DatasetError
+from naris.model.checkpoint import Subject
+from naris.model.localizer import fitted, input_px
+from naris.train.augment import augment
+from naris.train.config import Replay, TrainConfig
+from naris.train.strangers import strangers
+
+_ORDER, _CHANGE, _RECALL, _STRANGE = 1, 2, 3, 4  # what a random number is for; keeps the uses independent
+_MARGIN = 1.3  # fixed pictures are kept a little larger than the input, so that turning them loses no detail
+_AHEAD = 2
+
+
+@runtime_checkable
+class Stream(Protocol):
+    """Views by number, as `naris.dataset.stream.ViewStream` gives them."""
+
+    @property
+    def anatomy(self) -> Anatomy: ...
+
+    @property
+    def regions(self) -> RegionSet: ...
+
+    @property
+    def intrinsics(self) -> Intrinsics: ...
+
+    def batch(self, index: int, size: int) -> Batch:
+        """The same bits for the same index and size."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Examples:
+    """A fixed set of N pictures with their truth.
+
+    Attributes:
+        images: (N, H, W, 3) uint8, RGB.
+        region: (N,) labels.
+        anatomy_T_camera: (N,) poses.
+        subject: what they show.
+        group: (N,) number of the trajectory; pictures of one group are never on both sides of a split.
+
+    Raises:
+        DatasetError: if the numbers of pictures, labels and poses differ, there are none, or a label is no region.
+    """
+
+    images: UInt8[np.ndarray, "n h w 3"]
+    region: Int[np.ndarray, "n"]
+    anatomy_T_camera: Pose
+    subject: Subject
+    group: Int[np.ndarray, "n"] | None = None
+
+    def __post_init__(self) -> None:
+        counts = {len(self.images), len(self.region), len(self.anatomy_T_camera)}
+        k = len(self.subject.regions.names)
+        if len(counts) != 1 or 0 in counts:
+            raise DatasetError("as many labels and poses as pictures", f"{sorted(counts)}", "check the data set")
+        if self.region.min() < 0 or self.region.max() >= k:
+            raise DatasetError(
+                f"labels of the {k} regions of {self.subject.regions.name!r}",
+                f"{self.region.min()}…{self.region.max()}",
+                "leave out the pictures that lie in no region",
+            )
+
+    @staticmethod
+    def of(dataset: Dataset) -> Examples:
+        """All pictures of a data set on disk.
+
+        Raises:
+            DatasetError: if a picture lies in no region.
+            ImageError: if a picture cannot be read.
+        """
+        subject = Subject(
+            dataset.regions,
+            dataset.anatomy_name or "unknown",
+            dataset.anatomy_digest,
+            dataset.anatomy_T_camera.target,
+            dataset.intrinsics,
+        )
+        return Examples(dataset.images(), dataset.labels, dataset.anatomy_T_camera, subject, dataset.views.trajectory)
+
+    def __len__(self) -> int:
+        return len(self.region)
+
+    def __getitem__(self, index: Int[np.ndarray, "m"] | Bool[np.ndarray, "n"] | slice) -> Examples:
+        group = None if self.group is None else self.group[index]
+        return Examples(self.images[index], self.region[index], self.anatomy_T_camera[index], self.subject, group)
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """What the network is shown in one step: B pictures of its world, then S of others.
+
+    Attributes:
+        images: (B + S, s, s, 3) uint8.
+        region: (B,) labels.
+        pose: (B, 4, 4) `anatomy_T_camera`, mm.
+    """
+
+    images: UInt8[np.ndarray, "n s s 3"]
+    region: Int[np.ndarray, "b"]
+    pose: Float[np.ndarray, "b 4 4"]
+
+
+@runtime_checkable
+class Lessons(Protocol):
+    """Where lessons come from: lesson `step` depends on the configuration, the data and `step` alone."""
+
+    subject: Subject
+    identity: str
+    """Tells these data from others."""
+
+    @property
+    def per_epoch(self) -> int:
+        """Lessons in a pass through the data, or those that are reported together."""
+        ...
+
+    def lesson(self, step: int) -> Lesson: ...
+
+    def positions_mm(self) -> Float[np.ndarray, "n 3"]:
+        """Some camera positions, for their mean and spread."""
+        ...
+
+
+class FixedLessons:
+    """From a fixed set: every picture once in each epoch, in an order of its own."""
+
+    def __init__(self, examples: Examples, config: TrainConfig) -> None:
+        self.examples, self.config = examples, config
+        self.subject = examples.subject
+        size = input_px(config.network)
+        images = examples.images
+        if config.augmentation is not None and min(images.shape[1:3]) > _MARGIN * size:
+            images = fitted(images, round(_MARGIN * size))
+        elif config.augmentation is None:
+            images = fitted(images, size)
+        self._images = images
+        self._fov_deg = np.full(config.batch, examples.subject.intrinsics.vertical_fov_deg)
+        self.identity = digest(
+            [examples.subject.to_json(), examples.images, examples.region, examples.anatomy_T_camera.matrix]
+        )
+
+    @property
+    def per_epoch(self) -> int:
+        return -(-len(self.examples) // self.config.batch)
+
+    def positions_mm(self) -> Float[np.ndarray, "n 3"]:
+        return self.examples.anatomy_T_camera.position_mm
+
+    def lesson(self, step: int) -> Lesson:
+        epoch, place = divmod(step, self.per_epoch)
+        order = np.random.default_rng([self.config.seed, _ORDER, epoch]).permutation(len(self.examples))
+        chosen = order[place * self.config.batch : (place + 1) * self.config.batch]
+        pose = self.examples.anatomy_T_camera.matrix[chosen]
+        fov_deg = self._fov_deg[: len(chosen)]
+        return _changed(self._images[chosen], self.examples.region[chosen], pose, fov_deg, self.config, step)
+
+
+class StreamLessons:
+    """From a stream: each lesson is drawn from the last few batches, which are made as they are needed."""
+
+    def __init__(self, stream: Stream, config: TrainConfig) -> None:
+        self.stream, self.config = stream, config
+        self.subject = Subject.of(stream.anatomy, stream.regions, stream.intrinsics)
+        self._replay = config.replay or Replay(times=1, memory=1)
+        self._known: dict[int, Batch] = {}
+        self.identity = digest([self.subject.to_json(), stream_description(stream)])
+
+    @property
+    def per_epoch(self) -> int:
+        return 100
+
+    def positions_mm(self) -> Float[np.ndarray, "n 3"]:
+        first = [self._batch(i).anatomy_T_camera.position_mm for i in range(min(4, self._replay.memory))]
+        return np.concatenate(first)
+
+    def lesson(self, step: int) -> Lesson:
+        newest = step // self._replay.times
+        oldest = max(newest - self._replay.memory + 1, 0)
+        for index in [index for index in self._known if index < oldest]:
+            del self._known[index]
+        size = self.config.batch
+        if self.config.replay is None:
+            which, row = np.full(size, newest), np.arange(size)
+        else:
+            # At the start nothing can be remembered yet: the first batches are looked ahead to, a few at a time.
+            rng = np.random.default_rng([self.config.seed, _RECALL, step])
+            which, row = rng.integers(oldest, newest + 1, size), rng.integers(0, size, size)
+        batches = {index: self._batch(index) for index in sorted(set(which.tolist()))}
+        pick = [(batches[index], r) for index, r in zip(which.tolist(), row.tolist(), strict=True)]
+        images = np.stack([batch.images[r] for batch, r in pick])
+        region = np.array([batch.region[r] for batch, r in pick])
+        pose = np.stack([batch.anatomy_T_camera.matrix[r] for batch, r in pick])
+        fov_deg = np.array([batch.vertical_fov_deg[r] for batch, r in pick])
+        return _changed(images, region, pose, fov_deg, self.config, step)
+
+    def _batch(self, index: int) -> Batch:
+        if index not in self._known:
+            self._known[index] = self.stream.batch(index, self.config.batch)
+        return self._known[index]
+
+
+def lessons_of(data: Examples | Stream, config: TrainConfig) -> Lessons:
+    """The lessons of a fixed set or a stream."""
+    return FixedLessons(data, config) if isinstance(data, Examples) else StreamLessons(data, config)
+
+
+def lessons_from(lessons: Lessons, first: int, ahead: int = _AHEAD) -> Generator[Lesson]:
+    """Lessons `first`, `first` + 1, … without end, the next `ahead` of them made on a thread meanwhile."""
+    with ThreadPoolExecutor(1, thread_name_prefix="lessons") as pool:
+        coming: list[Future[Lesson]] = []
+        try:
+            while True:
+                while len(coming) <= ahead:
+                    coming.append(pool.submit(lessons.lesson, first))
+                    first += 1
+                yield coming.pop(0).result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def split_off(examples: Examples, share: float, seed: int) -> tuple[Examples, Examples | None]:
+    """The set without about this share of its groups, and these; nothing is split off a set of fewer than three groups.
+
+    Whole groups, because pictures of one trajectory are near-copies: some of them would tell nothing about others.
+    """
+    if share <= 0 or examples.group is None:
+        return examples, None
+    groups = np.unique(examples.group)
+    if len(groups) < 3:
+        return examples, None
+    count = max(round(share * len(groups)), 1)
+    kept = np.random.default_rng([seed, _ORDER]).permutation(groups)[:count]
+    apart = np.isin(examples.group, kept)
+    return examples[~apart], examples[apart]
+
+
+def stream_description(stream: Stream) -> dict[str, object]:
+    """What tells one stream from another: its settings, as far as it has them."""
+    names = ("appearance", "seed", "scopes", "intrinsics")
+    settings = {name: getattr(stream, name) for name in names if hasattr(stream, name)}
+    views = getattr(getattr(stream, "bank", None), "distribution", None)
+    return {"kind": type(stream).__name__, "views": views, **settings}
+
+
+def _changed(
+    images: UInt8[np.ndarray, "b h w 3"],
+    region: Int[np.ndarray, "b"],
+    pose: Float[np.ndarray, "b 4 4"],
+    fov_deg: Float[np.ndarray, "b"],
+    config: TrainConfig,
+    step: int,
+) -> Lesson:
+    """A lesson from pictures as they are kept: augmented, resized, with strangers behind."""
+    size = input_px(config.network)
+    if config.augmentation is not None:
+        rng = np.random.default_rng([config.seed, _CHANGE, step])
+        images, turn = augment(images, fov_deg, size, config.augmentation, rng)
+        pose = pose.copy()
+        pose[:, :3, :3] = pose[:, :3, :3] @ turn
+    else:
+        images = fitted(images, size)
+    count = round(config.strangers * len(images))
+    if count:
+        rng = np.random.default_rng([config.seed, _STRANGE, step])
+        images = np.concatenate([images, strangers(count, size, images, rng)])
+    return Lesson(images, region, pose)

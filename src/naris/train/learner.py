@@ -1,0 +1,179 @@
+"""A network that learns: its weights, its optimiser, the running average of its weights, one step at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Shaped
+from torch import Tensor, nn
+from torch.nn import functional
+
+from naris.errors import CheckpointError
+from naris.model import compact, two_layer
+from naris.model.checkpoint import Checkpoint, Subject, Tensors
+from naris.model.compact import Compact
+from naris.model.localizer import build, config_json, load_weights, name_of, weights_of
+from naris.model.losses import Losses, Targets, compact_loss
+from naris.train.config import TrainConfig
+from naris.train.data import Lesson
+
+PARTS = Losses._fields
+"""The parts of the loss that are recorded: total, region, pose, covariance, choice, domain."""
+
+_WARM = 1 / 6
+_FIRST, _LAST = 0.1, 0.002  # learning rate at the start and the end of a cycle, as shares of the highest
+_NETWORK, _AVERAGE, _OPTIMISER = "network.", "average.", "optimiser."
+
+
+def learning_rate(config: TrainConfig, done: float) -> float:
+    """At a share `done` (0…1) of the training."""
+    adam = config.adam
+    if not adam.cycle:
+        return adam.learning_rate
+    if done < _WARM:
+        return adam.learning_rate * (_FIRST + (1 - _FIRST) * done / _WARM)
+    fall = (1 + np.cos(np.pi * min((done - _WARM) / (1 - _WARM), 1.0))) / 2
+    return float(adam.learning_rate * (_LAST + (1 - _LAST) * fall))
+
+
+def resolved_precision(config: TrainConfig) -> str:
+    """`float32` or `bfloat16`: the latter where asked, or for `auto` where the processor computes in it."""
+    if config.precision != "auto":
+        return config.precision
+    checks = [getattr(torch.cpu, name, None) for name in ("_is_avx512_bf16_supported", "_is_amx_tile_supported")]
+    return "bfloat16" if any(check is not None and check() for check in checks) else "float32"
+
+
+class Learner:
+    """Changes its network with every `step`.
+
+    Args:
+        config: how to learn.
+        subject: what the network is for.
+        positions_mm: (N, 3) some camera positions, for the network's unit of length.
+        precision: `float32` or `bfloat16`.
+    """
+
+    def __init__(
+        self, config: TrainConfig, subject: Subject, positions_mm: Float[np.ndarray, "n 3"], precision: str
+    ) -> None:
+        self.config, self.subject, self.precision = config, subject, precision
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(config.seed)
+            self.network = build(config.network, len(subject.regions.names))
+        if isinstance(self.network, Compact):
+            self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+            self.network.position_mean_mm[:] = torch.from_numpy(positions_mm.mean(axis=0))
+            self.network.position_scale_mm[:] = torch.from_numpy(np.maximum(positions_mm.std(axis=0), 1.0))
+        kind = torch.optim.AdamW if config.adam.decoupled else torch.optim.Adam
+        self.optimiser = kind(_parameter_groups(self.network, config), lr=config.adam.learning_rate, fused=True)
+        self.average = [value.clone() for value in _numbers(self.network)] if config.average else []
+        self.steps = 0
+
+    def step(self, lesson: Lesson, done: float) -> Float32[np.ndarray, "p"]:
+        """Learn from one lesson at a share `done` of the training; the parts of the loss (`PARTS`)."""
+        self.network.train()
+        for group in self.optimiser.param_groups:
+            group["lr"] = learning_rate(self.config, done)
+        losses = self._losses(lesson)
+        self.optimiser.zero_grad()
+        losses.total.backward()  # type: ignore[no-untyped-call]
+        self.optimiser.step()
+        self.steps += 1
+        if self.average:
+            decay = min(self.config.average, self.steps / (self.steps + 20))
+            with torch.no_grad():
+                torch._foreach_lerp_(self.average, _numbers(self.network), 1 - decay)
+        return torch.stack([part.detach() for part in losses]).numpy()
+
+    def checkpoint(self, training: Mapping[str, Any]) -> Checkpoint:
+        """The weights that are kept in the end (the average, if there is one), not calibrated yet."""
+        weights = weights_of(self.network)
+        if self.average:
+            names = [name for name, value in self.network.state_dict().items() if value.is_floating_point()]
+            weights |= {
+                name: value.clone().contiguous().numpy() for name, value in zip(names, self.average, strict=True)
+            }
+        network = self.config.network
+        return Checkpoint(name_of(network), config_json(network), self.subject, weights, training=dict(training))
+
+    def state(self) -> Tensors:
+        """Everything that the next step depends on."""
+        tensors = {_NETWORK + name: value for name, value in weights_of(self.network).items()}
+        tensors |= {f"{_AVERAGE}{i}": value.contiguous().numpy() for i, value in enumerate(self.average)}
+        for i, values in self.optimiser.state_dict()["state"].items():
+            tensors |= {f"{_OPTIMISER}{i}.{name}": value.contiguous().numpy() for name, value in values.items()}
+        return tensors
+
+    def restore(self, tensors: Mapping[str, Shaped[np.ndarray, "..."]], steps: int) -> None:
+        """The reverse of `state`.
+
+        Raises:
+            CheckpointError: if the tensors are not those of this network and optimiser.
+        """
+        prefix = _NETWORK
+        load_weights(self.network, {n.removeprefix(prefix): v for n, v in tensors.items() if n.startswith(prefix)})
+        content = self.optimiser.state_dict()
+        content["state"] = {}
+        for name, value in tensors.items():
+            if name.startswith(_OPTIMISER):
+                index, field = name.removeprefix(_OPTIMISER).split(".")
+                content["state"].setdefault(int(index), {})[field] = torch.from_numpy(np.array(value))
+        try:
+            self.optimiser.load_state_dict(content)
+            for i, mean in enumerate(self.average):
+                mean.copy_(torch.from_numpy(np.array(tensors[f"{_AVERAGE}{i}"])))
+            self._match_layouts()
+        except (KeyError, ValueError, RuntimeError) as error:
+            raise CheckpointError("the state of this training", f"another one ({error})", "start anew") from error
+        self.steps = steps
+
+    def _match_layouts(self) -> None:
+        """The optimiser's fused kernel walks through memory: its moments must lie as the weights do."""
+        for parameter, values in self.optimiser.state.items():
+            for name, value in values.items():
+                if value.shape == parameter.shape:
+                    values[name] = torch.empty_like(parameter).copy_(value)
+
+    def _losses(self, lesson: Lesson) -> Losses:
+        images, region = torch.from_numpy(lesson.images), torch.from_numpy(lesson.region.astype(np.int64))
+        if not isinstance(self.network, Compact):
+            loss = functional.cross_entropy(self.network(two_layer.to_input(images)), region)
+            zero = torch.zeros(())
+            return Losses(loss, loss, zero, zero, zero, zero)
+        with torch.autocast("cpu", torch.bfloat16, enabled=self.precision == "bfloat16"):
+            output = self.network(compact.to_input(images))
+        strange = len(images) - len(region)
+        pose = torch.from_numpy(lesson.pose.astype(np.float32))
+        targets = Targets(
+            torch.cat([region, region.new_zeros(strange)]),
+            torch.cat([pose[:, :3, 3], pose.new_zeros(strange, 3)]),
+            torch.cat([pose[:, :3, :3], torch.eye(3).expand(strange, 3, 3)]),
+            torch.arange(len(images)) < len(region),
+        )
+        network = self.network
+        return compact_loss(output, targets, network.position_mean_mm, network.position_scale_mm, self.config.loss)
+
+
+def _parameter_groups(network: nn.Module, config: TrainConfig) -> list[dict[str, Any]]:
+    """Decoupled decay leaves norms and biases alone; the published L2 is on everything, as torch's Adam does."""
+    decay = config.adam.weight_decay
+    if not config.adam.decoupled:
+        return [{"params": list(network.parameters()), "weight_decay": decay}]
+    flat = [p for p in network.parameters() if p.ndim <= 1]
+    deep = [p for p in network.parameters() if p.ndim > 1]
+    return [{"params": deep, "weight_decay": decay}, {"params": flat, "weight_decay": 0.0}]
+
+
+def _numbers(network: nn.Module) -> list[Tensor]:
+    """Parameters and buffers that can be averaged."""
+    return [value for value in network.state_dict().values() if value.is_floating_point()]
+
+
+def settings_json(config: TrainConfig) -> dict[str, Any]:
+    """The settings as they are recorded."""
+    return asdict(config)

@@ -1,0 +1,330 @@
+"""Training: it learns, it is the same after a kill, and it refuses what was changed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from naris.core.anatomy import Anatomy, SlabRegions
+from naris.core.camera import Intrinsics
+from naris.core.pose import Pose
+from naris.dataset.layout import RegionLabels
+from naris.dataset.stream import Batch
+from naris.errors import CheckpointError, ConfigurationChanged, DatasetError, InputError
+from naris.model.checkpoint import Subject, load_checkpoint
+from naris.model.compact import CompactConfig
+from naris.model.localizer import open_localizer
+from naris.model.two_layer import TwoLayerConfig
+from naris.train import COMPACT_AT_WILL, COMPACT_FEW, PUBLISHED, Examples, Replay, TrainConfig, train, train_runs
+from naris.train.augment import FEW_PICTURES, Augmentation, augment
+from naris.train.data import FixedLessons, StreamLessons, split_off
+from naris.train.learner import learning_rate
+from naris.train.loop import STATE
+from naris.train.strangers import strangers
+
+SLABS = SlabRegions("paper", ("a", "b", "c"), "mean", 1, (-10.0, 10.0))
+INTRINSICS = Intrinsics.from_vertical_fov(24, 24, 45.0)
+TINY = CompactConfig(input_px=16, channels=(8, 16), blocks=(1, 1), reduced=4, embedding=12, hypotheses=2)
+QUICK = COMPACT_FEW.lasting(epochs=3).with_(network=TINY, batch=16, precision="float32", threads=1)
+TWO_LAYER = PUBLISHED.lasting(epochs=2).with_(network=TwoLayerConfig(24), batch=8, threads=1)
+
+
+def _views(n: int, seed: int) -> Batch:
+    """Pictures of a bar whose place tells y, and whose tint tells nothing."""
+    rng = np.random.default_rng(seed)
+    place = rng.uniform([-5, -30, -5], [5, 30, 5], (n, 3))
+    images = rng.integers(0, 40, (n, 24, 24, 3), dtype=np.uint8)
+    column = np.round((place[:, 1] + 30) / 60 * 20).astype(int)
+    for picture, start in zip(images, column, strict=True):
+        picture[:, start : start + 4] = rng.integers(150, 255, 3)
+    turned = Rotation.from_rotvec(rng.normal(0, 0.1, (n, 3))).as_matrix()
+    return Batch(images, SLABS.label(place), Pose.of(turned, place, "mean", "camera"), np.full(n, 45.0))
+
+
+def _examples(n: int = 48) -> Examples:
+    views = _views(n, 0)
+    subject = Subject(RegionLabels.of(SLABS), "bar", "0" * 64, "mean", INTRINSICS)
+    return Examples(views.images, views.region, views.anatomy_T_camera, subject, np.arange(n) // 8)
+
+
+class _BarStream:
+    """A stream of such views, that counts what it is asked for."""
+
+    intrinsics = INTRINSICS
+    regions = SLABS
+    seed = 5
+
+    def __init__(self) -> None:
+        corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype=np.int32)
+        self.anatomy = Anatomy(corners, faces, "mean", "bar", "test")
+        self.asked: list[int] = []
+
+    def batch(self, index: int, size: int) -> Batch:
+        self.asked.append(index)
+        return _views(size, 1000 + index)
+
+
+class _Stop:
+    """Progress that interrupts after some steps, as Ctrl-C would."""
+
+    def __init__(self, after: int) -> None:
+        self.left = after
+
+    @contextmanager
+    def task(self, name: str, total: int) -> Iterator[object]:
+        def advance(steps: int) -> None:
+            self.left -= steps
+            if self.left == 0:
+                os.kill(os.getpid(), signal.SIGINT)
+
+        yield advance
+
+
+class _Count:
+    """Progress that remembers its tasks."""
+
+    def __init__(self) -> None:
+        self.seen: dict[str, list[int]] = {}
+
+    @contextmanager
+    def task(self, name: str, total: int) -> Iterator[object]:
+        self.seen[name] = [total, 0]
+
+        def advance(steps: int) -> None:
+            self.seen[name][1] += steps
+
+        yield advance
+
+
+def _same_weights(a: Path, b: Path) -> bool:
+    ours, theirs = load_checkpoint(a).weights, load_checkpoint(b).weights
+    return all(np.array_equal(ours[name], theirs[name]) for name in ours)
+
+
+@pytest.mark.parametrize("config", [QUICK, TWO_LAYER])
+def test_an_interrupted_training_ends_with_the_same_weights(tmp_path: Path, config: TrainConfig) -> None:
+    whole = train(_examples(), config, tmp_path / "whole")
+    for after in (2, 3):
+        with pytest.raises(KeyboardInterrupt):
+            train(_examples(), config, tmp_path / "parts", progress=_Stop(after))
+        assert (tmp_path / "parts" / STATE).is_file()
+    parts = train(_examples(), config, tmp_path / "parts")
+    assert _same_weights(whole.checkpoint, parts.checkpoint)
+    assert np.array_equal(whole.losses, parts.losses)
+    assert (whole.pictures, whole.steps) == (parts.pictures, parts.steps)
+    assert not (tmp_path / "parts" / STATE).exists()
+
+
+def test_a_stream_goes_on_with_the_same_weights(tmp_path: Path) -> None:
+    config = COMPACT_AT_WILL.lasting(steps=10).with_(
+        network=TINY, batch=8, precision="float32", threads=1, replay=Replay(2, 3)
+    )
+    whole = train(_BarStream(), config, tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        train(_BarStream(), config, tmp_path / "parts", progress=_Stop(5))
+    parts = train(_BarStream(), config, tmp_path / "parts")
+    assert _same_weights(whole.checkpoint, parts.checkpoint)
+
+
+def test_a_second_call_does_nothing_and_tells_the_same(tmp_path: Path) -> None:
+    first = train(_examples(), TWO_LAYER, tmp_path)
+    stamp = first.checkpoint.stat().st_mtime_ns
+    again = train(_examples(), TWO_LAYER, tmp_path, progress=_Stop(1))
+    assert first.checkpoint.stat().st_mtime_ns == stamp
+    assert np.allclose(first.losses, again.losses, rtol=1e-5)
+    assert first.loss.shape == (2,)
+
+
+def test_changed_settings_or_data_are_refused_and_nothing_is_touched(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        train(_examples(), TWO_LAYER, tmp_path, progress=_Stop(3))
+    before = (tmp_path / STATE).read_bytes()
+    other = _examples()
+    other.images[0, 0, 0, 0] ^= 1
+    for data, config in ((_examples(), TWO_LAYER.with_(seed=1)), (other, TWO_LAYER)):
+        with pytest.raises(ConfigurationChanged, match="use another folder"):
+            train(data, config, tmp_path)
+    assert (tmp_path / STATE).read_bytes() == before
+    train(_examples(), TWO_LAYER.with_(threads=2), tmp_path)
+    with pytest.raises(ConfigurationChanged):
+        train(_examples(), TWO_LAYER.with_(seed=1), tmp_path)
+
+
+def test_a_truncated_state_is_told(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        train(_examples(), TWO_LAYER, tmp_path, progress=_Stop(2))
+    content = (tmp_path / STATE).read_bytes()
+    (tmp_path / STATE).write_bytes(content[: len(content) // 2])
+    with pytest.raises(CheckpointError, match="training's state"):
+        train(_examples(), TWO_LAYER, tmp_path)
+
+
+def test_the_two_layer_training_is_torchs_adam_on_raw_pixels(tmp_path: Path) -> None:
+    """The loop against the few lines that the published code would have."""
+    examples = _examples()
+    run = train(examples, TWO_LAYER.lasting(epochs=1), tmp_path)
+    torch.manual_seed(TWO_LAYER.seed)
+    from naris.model.two_layer import TwoLayer
+
+    network = TwoLayer(3, TwoLayerConfig(24), fused=False)
+    optimiser = torch.optim.Adam(network.parameters(), lr=1e-3, weight_decay=1e-3)
+    lessons = FixedLessons(examples, TWO_LAYER)
+    for step in range(lessons.per_epoch):
+        lesson = lessons.lesson(step)
+        raw = torch.from_numpy(lesson.images.transpose(0, 3, 1, 2).astype(np.float32))
+        loss = torch.nn.functional.cross_entropy(network(raw), torch.from_numpy(lesson.region.astype(np.int64)))
+        assert float(loss.detach()) == pytest.approx(float(run.losses[step, 0]), rel=1e-3)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+
+
+def test_it_learns_and_finds_regions_of_new_pictures(tmp_path: Path) -> None:
+    gentle = Augmentation(gain=0.2, noise=4.0)
+    config = QUICK.lasting(epochs=30).with_(augmentation=gentle, batch=32)
+    run = train(_examples(320), config, tmp_path)
+    assert run.loss[-1] < 0.7 * run.loss[0]
+    new = _views(200, 77)
+    localizer = open_localizer(run.checkpoint, regions=SLABS)
+    predictions = localizer.predict(new.images)
+    assert np.mean([p.region == truth for p, truth in zip(predictions, new.region, strict=True)]) > 0.75
+    off_mm = [
+        abs(p.hypotheses.position_mm[0, 1] - y)
+        for p, y in zip(predictions, new.anatomy_T_camera.position_mm[:, 1], strict=True)
+    ]
+    assert np.median(off_mm) < 8
+
+
+def test_epochs_show_every_picture_once() -> None:
+    examples = _examples(50)
+    lessons = FixedLessons(examples, TWO_LAYER)
+    assert lessons.per_epoch == 7
+    orders = []
+    for epoch in range(2):
+        shown = [lessons.lesson(epoch * 7 + i).pose[:, :3, 3] for i in range(7)]
+        orders.append(np.concatenate(shown))
+    for order in orders:
+        assert np.array_equal(np.sort(order, axis=0), np.sort(examples.anatomy_T_camera.position_mm, axis=0))
+    assert not np.array_equal(*orders)
+
+
+def test_a_stream_is_rendered_once_and_forgotten() -> None:
+    stream = _BarStream()
+    config = COMPACT_AT_WILL.lasting(steps=60).with_(network=TINY, batch=8, replay=Replay(times=3, memory=4))
+    lessons = StreamLessons(stream, config)
+    for step in range(60):
+        assert lessons.lesson(step).images.shape == (8, 16, 16, 3)
+    assert sorted(stream.asked) == list(range(20))
+    jumped = StreamLessons(_BarStream(), config).lesson(41)
+    again = StreamLessons(_BarStream(), config)
+    assert np.array_equal([again.lesson(s) for s in range(42)][-1].images, jumped.images)
+
+
+def test_trajectories_are_kept_apart_whole() -> None:
+    examples = _examples(80)
+    learned, kept = split_off(examples, 0.2, seed=0)
+    assert len(learned) + len(kept) == 80
+    assert len(kept) == 16
+    assert not set(learned.group) & set(kept.group)
+    assert split_off(examples, 0.0, 0)[1] is None
+
+
+def test_validation_sets_the_temperature(tmp_path: Path) -> None:
+    config = QUICK.lasting(epochs=1).with_(validation_share=0.5)
+    checkpoint = load_checkpoint(train(_examples(320), config, tmp_path / "kept").checkpoint)
+    assert checkpoint.calibration.pictures == 160
+    plain = load_checkpoint(train(_examples(), TWO_LAYER, tmp_path / "plain").checkpoint)
+    assert (plain.calibration.pictures, plain.calibration.temperature) == (0, 1.0)
+
+
+def test_a_budget_is_kept_and_the_rate_falls_with_the_clock(tmp_path: Path) -> None:
+    progress = _Count()
+    config = QUICK.lasting(budget_s=1.0).with_(batch=8)
+    run = train(_examples(), config, tmp_path, progress=progress)
+    assert 1.0 <= run.wall_s < 10.0
+    assert progress.seen["train"][0] == progress.seen["train"][1]
+    rates = [learning_rate(config, done) for done in (0.0, 1 / 6, 0.5, 1.0)]
+    assert rates[1] == max(rates) == config.adam.learning_rate
+    assert rates[3] < 0.01 * rates[1] < rates[0]
+    assert learning_rate(PUBLISHED, 0.9) == 1e-3
+
+
+def test_runs_side_by_side_are_those_one_after_the_other(tmp_path: Path) -> None:
+    progress = _Count()
+    one = train_runs(_examples(), TWO_LAYER, [0, 1], tmp_path / "one", workers=1)
+    two = train_runs(_examples(), TWO_LAYER, [0, 1], tmp_path / "two", workers=2, progress=progress)
+    for ours, theirs in zip(one, two, strict=True):
+        assert ours.seed == theirs.seed
+        assert _same_weights(ours.checkpoint, theirs.checkpoint)
+    assert not np.array_equal(one[0].losses, one[1].losses)
+    assert progress.seen == {"seed 0": [12, 12], "seed 1": [12, 12]}
+    assert {path.name for path in (tmp_path / "two").iterdir()} == {"seed-0", "seed-1"}
+
+
+def test_training_off_the_main_thread_leaves_signals_alone(tmp_path: Path) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    worker = threading.Thread(target=train, args=(_examples(), TWO_LAYER, tmp_path))
+    worker.start()
+    worker.join()
+    assert (tmp_path / "run.json").is_file()
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_bad_settings_and_data_are_told() -> None:
+    with pytest.raises(InputError, match="one of epochs, steps and budget_s"):
+        QUICK.lasting(epochs=3, steps=5)
+    with pytest.raises(InputError, match="one of epochs, steps and budget_s"):
+        QUICK.lasting()
+    examples = _examples()
+    with pytest.raises(DatasetError, match="as many labels"):
+        replace(examples, anatomy_T_camera=examples.anatomy_T_camera[:-1])
+    with pytest.raises(DatasetError, match="lie in no region"):
+        replace(examples, region=examples.region - 1)
+
+
+def test_a_turned_camera_sees_the_same_directions() -> None:
+    """A bright dot is found where the turned camera's intrinsics say."""
+    big = Intrinsics.from_vertical_fov(96, 96, 45.0)
+    rng = np.random.default_rng(0)
+    images = np.zeros((20, 96, 96, 3), np.uint8)
+    images[:, 40:43, 55:58] = 255
+    only_turn = Augmentation(turn_deg=4.0, roll_deg=8.0)
+    changed, turn = augment(images, np.full(20, 45.0), 64, only_turn, rng)
+    direction = big.unproject(np.array([56.0, 41.0]))
+    small = big.resized(64, 64)
+    for picture, rotation in zip(changed, turn, strict=True):
+        pixel, inside = small.project((direction @ rotation)[None])
+        if not inside[0]:
+            continue
+        weight = picture[..., 0].astype(float)
+        v, u = np.mgrid[0:64, 0:64]
+        found = np.array([(u * weight).sum(), (v * weight).sum()]) / weight.sum()
+        assert np.linalg.norm(found - pixel[0]) < 0.7
+
+
+def test_no_augmentation_is_the_identity_and_all_of_it_is_repeatable() -> None:
+    views = _views(6, 3)
+    fov = np.full(6, 45.0)
+    same, turn = augment(views.images, fov, 24, Augmentation(), np.random.default_rng(0))
+    assert np.array_equal(same, views.images)
+    assert np.allclose(turn, np.eye(3))
+    twice = [augment(views.images, fov, 16, FEW_PICTURES, np.random.default_rng(4))[0] for _ in range(2)]
+    assert np.array_equal(*twice)
+
+
+def test_strangers_are_varied_and_repeatable() -> None:
+    familiar = _views(4, 0).images
+    first, again = (strangers(40, 24, familiar, np.random.default_rng(2)) for _ in range(2))
+    assert np.array_equal(first, again)
+    assert len(np.unique(first.reshape(40, -1), axis=0)) == 40
