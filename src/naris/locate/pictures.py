@@ -36,7 +36,7 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         raise ImageError(f"a picture in {path}", "no such file", "check the path")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            warnings.simplefilter("ignore")  # of sizes, which are judged here, and of odd notes that are not used
             with Image.open(path, formats=_FORMATS) as picture:
                 _check_size(*picture.size, path.name)
                 return _rgb(picture, path.name)
