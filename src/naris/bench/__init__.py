@@ -24,6 +24,7 @@ class Benchmark(NamedTuple):
 
 
 BENCHMARKS: Mapping[str, Benchmark] = {
+    "render": Benchmark("naris.bench.render", "speed of the renderer beside others, and whether it is right"),
     "simulate": Benchmark("naris.bench.simulate", "seconds for 1,420 pictures on disk"),
 }
 """Every benchmark that works."""

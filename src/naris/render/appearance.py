@@ -51,8 +51,8 @@ class Appearance:
         light: at the camera.
         optics: of the lens.
         sensor: behind it.
-        cull_near_walls: leave out every wall that is seen from inside the lumen, as the published code did
-            (it culled faces whose outside is turned away); only `PAPER_CULLED` does.
+        cull_near_walls: leave out every face whose outward side is turned away from the camera, as the published code
+            did: to a camera inside the surface its near walls vanish. Only `PAPER_CULLED` does.
     """
 
     material: Material = Uniform()

@@ -120,13 +120,7 @@ def _exposure(row, counts):
 def develop(camera, row, tone, seed, i, rgb, scratch):
     """Grey levels of frame i into `rgb`: exposure, tone curve, noise, filter."""
     gain = _exposure(row, scratch.counts)
-    # The root of the gain, since the tone table runs over the root of the light.
-    reach = np.float32((TONE_SIZE - 1) / TONE_REACH)
-    gain_r, gain_g, gain_b = (
-        np.sqrt(gain * row.balance_r) * reach,
-        np.sqrt(gain * row.balance_g) * reach,
-        np.sqrt(gain * row.balance_b) * reach,
-    )
+    gain_r, gain_g, gain_b = gain * row.balance_r, gain * row.balance_g, gain * row.balance_b
     plane, filtered = scratch.light.shape[1], row.tap0 != np.float32(1)
     for y in range(camera.height):
         for x in range(0, camera.width, LANES):
@@ -148,8 +142,13 @@ def develop(camera, row, tone, seed, i, rgb, scratch):
 @_njit
 def _grey(tone, i, row, exposed, noise):
     """Grey levels of sixteen pixels of one colour; three indices of noise lie between neighbours."""
-    light, root_gain = exposed
-    value = lookup(tone, i * TONE_SIZE, TONE_SIZE, sqrt(most(light, 0.0)) * root_gain)
+    light, gain = exposed
+    value = most(light, 0.0) * gain
+    if row.clips:
+        value = least(value, 1.0) * np.float32(255)
+    else:
+        at = sqrt(value) * np.float32((TONE_SIZE - 1) / TONE_REACH)
+        value = lookup(tone, i * TONE_SIZE, TONE_SIZE, at)
     if row.read_noise > 0.0 or row.shot_noise > 0.0:
         seed, index = noise
         strength = row.read_noise + row.shot_noise * sqrt(value * np.float32(1 / 255))

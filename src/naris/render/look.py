@@ -34,10 +34,11 @@ _SCALARS = (
     "shot_noise cosine_cut "
 )
 LOOK = np.dtype(
-    [("kind", "i4"), ("cull", "i4"), ("bank", "i4"), ("colours", "i4")] + [(n, "f4") for n in _SCALARS.split()]
+    [("kind", "i4"), ("cull", "i4"), ("clips", "i4"), ("bank", "i4"), ("colours", "i4")]
+    + [(n, "f4") for n in _SCALARS.split()]
 )
 """One appearance, flat. `film` and `tissue` are squared roughnesses; `vessel` and `fine_vessel` are half widths in
-voxels; `m..` turns the anatomy into the noise."""
+voxels; `clips` says that the tone curve does nothing else; `m..` turns the anatomy into the noise."""
 
 
 class Looks(NamedTuple):
@@ -136,6 +137,7 @@ def _pack_instrument(row: np.void, appearance: Appearance) -> None:
     row["mask_radius"] = -1 if optics.mask_radius is None else optics.mask_radius
     row["mask_softness"] = max(optics.mask_softness, 1e-4)
     row["mask_x"], row["mask_y"] = optics.mask_centre
+    row["clips"] = (sensor.gamma, sensor.shoulder, sensor.black) == (1.0, 1.0, 0.0)
     row["gain"], row["auto"], row["quantile"] = sensor.gain, sensor.auto_exposure, sensor.meter_quantile
     row["target"], (row["gain_low"], row["gain_high"]) = sensor.target, sensor.gain_range
     _put(row, "balance", sensor.white_balance)

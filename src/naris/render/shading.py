@@ -202,8 +202,12 @@ def develop(
         level = metered(light, weight, float(row["quantile"]))
         automatic = np.clip(row["target"] / max(level, 1e-9), row["gain_low"], row["gain_high"])
         gain = np.float32(gain * automatic ** row["auto"])
-    root = np.sqrt(light * gain * _rgb(row, "balance"))
-    grey = _table(looks.tone[i], root.ravel() * np.float32((TONE_SIZE - 1) / TONE_REACH)).reshape(light.shape)
+    exposed = light * gain * _rgb(row, "balance")
+    if row["clips"]:
+        grey = np.minimum(exposed, 1) * np.float32(255)
+    else:
+        at = np.sqrt(exposed).ravel() * np.float32((TONE_SIZE - 1) / TONE_REACH)
+        grey = _table(looks.tone[i], at).reshape(light.shape)
     if row["read_noise"] > 0 or row["shot_noise"] > 0:
         noise = white_noise(seed, np.arange(grey.size)).reshape(grey.shape)
         strength = row["read_noise"] + row["shot_noise"] * np.sqrt(grey * np.float32(1 / 255))
