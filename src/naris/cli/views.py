@@ -8,22 +8,13 @@ import numpy as np
 
 from naris.anatomy.distance import SignedDistance, signed_distance
 from naris.cli.anatomies import open_anatomy
+from naris.cli.looks import look
 from naris.cli.simulate import Options
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.camera import Intrinsics
 from naris.dataset.generate import Simulation
 from naris.errors import InputError, KeyframeError, RegionError
-from naris.render.appearance import (
-    ENDOSCOPE,
-    PAPER,
-    PAPER_CULLED,
-    TRAINING_APPEARANCE,
-    UNSEEN_APPEARANCE,
-    Appearance,
-    AppearanceDistribution,
-)
 from naris.render.keyframes import Keyframes, interpolate, read_keyframes, read_original_keyframes
-from naris.render.material import TextureColours
 from naris.render.scene import Scene
 from naris.render.trajectories import Steering, jitter_views, roomy_parts, trajectory_along
 from naris.render.viewpoints import (
@@ -36,9 +27,6 @@ from naris.render.viewpoints import (
     view_bank,
 )
 
-_ONE_LOOK = {"endoscope": ENDOSCOPE, "paper": PAPER, "paper-culled": PAPER_CULLED}
-_MANY_LOOKS = {"training": TRAINING_APPEARANCE, "unseen": UNSEEN_APPEARANCE}
-
 
 def simulation(options: Options) -> tuple[Simulation, Scene]:
     """What to simulate, and the scene to do it in.
@@ -48,7 +36,7 @@ def simulation(options: Options) -> tuple[Simulation, Scene]:
     """
     if options.count < 1:
         raise InputError("one picture or more", f"{options.count}", "give --count a number such as 1000")
-    look = _look(options)
+    appearance = look(options.appearance, options.texture)
     anatomy, regions = open_anatomy(options.anatomy, options.regions)
     scene = Scene(anatomy)
     rng = np.random.default_rng(options.seed)
@@ -57,7 +45,7 @@ def simulation(options: Options) -> tuple[Simulation, Scene]:
         regions=regions,
         views=_views(options, regions, scene, rng),
         intrinsics=Intrinsics.from_vertical_fov(options.width, options.height, options.fov_deg),
-        appearance=look,
+        appearance=appearance,
         seed=options.seed,
         depth=options.depth,
         views_from=_told(options),
@@ -112,15 +100,3 @@ def _along_passages(
         parts.append(replace(views, trajectory=views.trajectory + len(parts), position=views.position + positions))
         positions += len(track)
     return joined(parts)[: options.count]
-
-
-def _look(options: Options) -> Appearance | AppearanceDistribution:
-    if options.texture is None:
-        return _ONE_LOOK.get(options.appearance) or _MANY_LOOKS[options.appearance]
-    if options.appearance not in _ONE_LOOK:
-        raise InputError(
-            "--texture with one look for all pictures",
-            f"--appearance {options.appearance}",
-            "use --appearance paper or endoscope",
-        )
-    return _ONE_LOOK[options.appearance].with_(material=TextureColours.read(options.texture))
