@@ -27,6 +27,7 @@ VERBS: Mapping[str, Verb] = {
     "anatomy": Verb("naris.cli.anatomy", "look at an anatomy, keep it with regions, passages and a picture"),
     "simulate": Verb("naris.cli.simulate", "pictures of an anatomy with poses, regions and depth"),
     "train": Verb("naris.cli.train", "a network, on views rendered as it learns or on a data set"),
+    "evaluate": Verb("naris.cli.evaluate", "how good a model is: accuracy, confusion, calibration, pose errors"),
     "locate": Verb("naris.cli.locate", "region and pose of any picture, or that it cannot be told"),
     "bench": Verb("naris.cli.bench", "measure the figures that the documents quote"),
     "fetch": Verb("naris.cli.fetch", "download public data with pinned digests: mean-nose"),
