@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -66,7 +67,7 @@ class TrainConfig:
         strangers: share of a batch that is pictures of something else (compact network only).
         validation_share: of the trajectories of a fixed set that are kept apart to calibrate the network.
         precision: of the compact network's maps; `auto` is bfloat16 where the processor computes in it.
-        threads: None leaves torch's number.
+        threads: of torch meanwhile; None takes what `torch_threads` says.
         state_every_s: seconds between the states from which a killed run goes on.
     """
 
@@ -106,6 +107,17 @@ class TrainConfig:
     ) -> TrainConfig:
         """A copy that trains for so long."""
         return replace(self, epochs=epochs, steps=steps, budget_s=budget_s)
+
+    @property
+    def torch_threads(self) -> int:
+        """Those that were asked for; else all cores for the two-layer network, and half of them for the compact one.
+
+        The other half makes its lessons. A step of the compact network is many short pieces of work with a barrier
+        after each, where threads that wait keep their cores busy: with more threads than free cores a picture costs
+        ten times the CPU time.
+        """
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        return self.threads or (cores if isinstance(self.network, TwoLayerConfig) else max(cores // 2, 1))
 
     @property
     def made_of(self) -> TrainConfig:

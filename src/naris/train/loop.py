@@ -100,8 +100,8 @@ def train(
 ) -> TrainingRun:
     """Train a network, or go on where a training in the folder `out` was interrupted.
 
-    Sets torch's number of threads (one for the whole process) meanwhile if the configuration names one. On the main
-    thread Ctrl-C waits for the end of a step, writes the state and then raises KeyboardInterrupt.
+    Sets torch's number of threads (one for the whole process) meanwhile, to `config.torch_threads`. On the main thread
+    Ctrl-C waits for the end of a step, writes the state and then raises KeyboardInterrupt.
 
     Args:
         data: a fixed set, or a stream.
@@ -123,7 +123,7 @@ def train(
     identity = digest([config.made_of, lessons.identity])
     if (out / RUN).is_file():
         return _same(read_run(out), out, identity)
-    with limited(config.threads):
+    with limited(config.torch_threads):
         learner, journal = _begin(lessons, config, out, identity)
         try:
             with Stopwatch() as watch, progress.task(task, _ticks(config, lessons)) as advance:
