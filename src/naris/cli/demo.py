@@ -1,0 +1,71 @@
+"""See it work: a nose, pictures of it, a network trained on them, and a report. About five minutes on two cores."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from naris.cli.console import Console
+
+if TYPE_CHECKING:
+    from naris.report.data import ReportData
+
+
+@dataclass(frozen=True)
+class Options:
+    """Where to, and how long to train."""
+
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = Path("out/demo")
+    """Folder of the pictures, the networks and the report: new, or one that this very command began."""
+    budget_s: float = 150.0
+    """Seconds of training of the compact network; more is better."""
+    seed: int = 0
+    """Of everything random."""
+
+
+def run(options: Options, console: Console) -> int:
+    """Runs the demo, or what is still missing of it."""
+    from naris.bench.extract import demo_figures
+    from naris.bench.result import Seconds
+    from naris.cli.experiments import finish
+    from naris.core.provenance import Stopwatch
+    from naris.demo import DemoConfig, demo
+
+    command = shlex.join(["naris", *sys.argv[1:]])
+    with Stopwatch() as watch:
+        config = DemoConfig(budget_s=options.budget_s, seed=options.seed)
+        data = demo(options.out, config, command=command, progress=console.progress)
+    seconds = Seconds(watch.wall_s, watch.cpu_s)
+    answer = finish(data, demo_figures(data, watch.wall_s), options.out, seconds)
+    console.answer(answer, _told(data, watch.wall_s, options.out))
+    return 0
+
+
+def interrupted(options: Options) -> str:
+    """What a user who stopped it should know."""
+    return f"what was made so far is in {options.out}; the same command goes on from there"
+
+
+def _told(data: ReportData, wall_s: float, out: Path) -> str:
+    from naris.cli.experiments import REPORT, percent
+
+    compact, two_layer = data.networks[0], data.networks[-1]
+    hardest = data.splits[-1]
+    ours, theirs = compact.test(hardest.key), two_layer.test(hardest.key)
+    pose = ours.pose if ours else None
+    where = "" if pose is None else f"; camera found to {pose.median_mm:.1f} mm and {pose.median_deg:.0f}° (median)"
+    located = sum(frame.localised for frame in data.located)
+    right = sum(frame.localised and frame.prediction.region == frame.truth for frame in data.located)
+    lines = [
+        f"{hardest.label}: the compact network names {percent(ours) if ours else '–'} of the four regions{where}",
+        f"the published two-layer network, on far fewer pictures than in the publication: "
+        f"{percent(theirs) if theirs else '–'}",
+        f"{located} of {len(data.located)} pictures localised, {right} in the right region; {wall_s:.0f} s in all",
+        f"report: {out / REPORT}",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,120 @@
+"""The whole pipeline on the built-in nose, in minutes: what naris does, on a machine that has nothing but naris."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from naris.anatomy.builtin import built_in_nose
+from naris.core.progress import SILENT, Progress
+from naris.core.provenance import Stopwatch, plain
+from naris.dataset.splits import SplitSizes
+from naris.dataset.stream import view_stream
+from naris.errors import InputError
+from naris.experiment.claim import claim
+from naris.experiment.contenders import (
+    COMPACT_AT_WILL,
+    COMPACT_WORDS,
+    TWO_LAYER,
+    TWO_LAYER_WORDS,
+    Contender,
+    Plan,
+    from_pictures,
+    from_views_at_will,
+)
+from naris.experiment.gather import Journal, Telling, locate_some, network_result, report_data
+from naris.experiment.score import score
+from naris.experiment.sets import Sets, Setting, make_sets
+from naris.render.appearance import TRAINING_APPEARANCE, UNSEEN_APPEARANCE
+from naris.render.scene import Scene
+from naris.render.viewpoints import INSPECTION
+from naris.report.data import ReportData
+from naris.train import COMPACT_DEMO, PUBLISHED
+
+PICTURES = "pictures"
+REGIONS = "paper"
+
+
+@dataclass(frozen=True)
+class DemoConfig:
+    """How much of what; the defaults fit into five minutes on two cores.
+
+    Attributes:
+        train_positions, test_positions: of the fixed sets, ten views each.
+        epochs: of the two-layer network on the fixed training set.
+        budget_s: wall seconds for the compact network, which learns from views at will.
+        located: pictures that are located one by one for the report.
+        seed: of everything.
+    """
+
+    train_positions: int = 40
+    test_positions: int = 32
+    epochs: int = 5
+    budget_s: float = 150.0
+    located: int = 8
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if min(self.train_positions, self.test_positions, self.epochs, self.located) < 1 or self.budget_s <= 0:
+            raise InputError("at least one position, epoch and second", f"{self}", "raise the number below 1")
+
+
+def demo(
+    out: Path, config: DemoConfig = DemoConfig(), *, command: str = "naris demo", progress: Progress = SILENT
+) -> ReportData:
+    """Anatomy → pictures → training → evaluation on unseen trajectories and textures → a few located frames.
+
+    Raises:
+        ConfigurationChanged: if `out` holds a demo with other settings.
+        DiskFull: if there is no room.
+    """
+    claim(out, {"experiment": "demo", "config": plain(config)})
+    journal = Journal()
+    with Stopwatch() as watch, progress.task("anatomy", 1) as advance:
+        anatomy = built_in_nose()
+        advance(1)
+    faces = f"{len(anatomy.faces):,} triangles, {len(anatomy.passages)} passages"
+    journal.note("anatomy", f"the built-in nose: {faces}", watch)
+    sizes = SplitSizes(config.train_positions, config.test_positions)
+    setting = Setting(
+        Scene(anatomy), anatomy.region_set(REGIONS), TRAINING_APPEARANCE, UNSEEN_APPEARANCE, sizes, config.seed
+    )
+    with Stopwatch() as watch:
+        sets = make_sets(setting, out / PICTURES, progress)
+    journal.note("pictures", f"{len(sets.train)} to train and {sum(map(len, sets.tests.values()))} to test", watch)
+    contenders = _train(setting, sets, config, out, progress)
+    for contender in contenders:
+        journal.trained(contender)
+    with Stopwatch() as watch:
+        networks = [network_result(contender, score(contender, sets.tests, progress)) for contender in contenders]
+        located = locate_some(contenders[0], sets, config.located, config.seed, progress)
+    journal.note("evaluate", f"{len(contenders)} networks on {len(sets.tests)} splits", watch)
+    telling = Telling("demo", "naris on its built-in nose", command, "solid procedural mucosa, drawn for every picture")
+    return report_data(telling, setting, sets, networks, located, journal)
+
+
+def _train(setting: Setting, sets: Sets, config: DemoConfig, out: Path, progress: Progress) -> list[Contender]:
+    """The compact network first: it is the one that the demo is about."""
+    at_will = Plan(
+        COMPACT_AT_WILL,
+        "compact, views at will",
+        COMPACT_WORDS,
+        f"Views rendered as it learns, for {config.budget_s:.0f} s.",
+        COMPACT_DEMO.lasting(budget_s=config.budget_s),
+        (config.seed,),
+    )
+    two_layer = Plan(
+        TWO_LAYER,
+        "two-layer, as published",
+        TWO_LAYER_WORDS,
+        f"{len(sets.train)} fixed pictures, {config.epochs} epochs: far less than in the publication.",
+        replace(PUBLISHED, epochs=config.epochs),
+        (config.seed,),
+    )
+    size_px = at_will.config.network.input_px
+    camera = setting.intrinsics.resized(size_px, size_px)
+    stream = view_stream(setting.scene, setting.regions, INSPECTION, TRAINING_APPEARANCE, camera, config.seed)
+    return [
+        from_views_at_will(at_will, stream, out, progress),
+        from_pictures(two_layer, sets.train, out, progress),
+    ]

@@ -1,0 +1,77 @@
+"""The networks of an experiment, each trained in its way: what is compared, and how to make it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from naris.core.progress import Progress
+from naris.dataset.read import Dataset
+from naris.dataset.stream import ViewStream
+from naris.train import Examples, TrainConfig, TrainingRun, train, train_runs
+
+TWO_LAYER, COMPACT, COMPACT_AT_WILL = "two_layer", "compact", "compact_at_will"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One network, trained one way.
+
+    Attributes:
+        key: in the names of figures.
+        label: short, for tables and charts.
+        description: what the network is, one sentence.
+        trained_on: what it learns from, one sentence.
+        config: how it learns.
+        seeds: of its runs.
+        workers: runs at a time.
+    """
+
+    key: str
+    label: str
+    description: str
+    trained_on: str
+    config: TrainConfig
+    seeds: tuple[int, ...]
+    workers: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """A plan and the runs that came of it."""
+
+    plan: Plan
+    runs: tuple[TrainingRun, ...]
+
+    @property
+    def checkpoints(self) -> Sequence[Path]:
+        return [run.checkpoint for run in self.runs]
+
+
+TWO_LAYER_WORDS = (
+    "Two convolutions and three linear layers on raw pixels, as published: 300×300, no normalisation, no augmentation."
+)
+COMPACT_WORDS = (
+    "A small residual network of ours on pictures of 112×112 with normalised brightness: heads for the region, for"
+    " the camera's pose with its uncertainty, and for whether a picture is of this world at all."
+)
+
+
+def from_pictures(plan: Plan, pictures: Dataset, out: Path, progress: Progress) -> Contender:
+    """Train on a fixed set, a run a seed, in `out/<key>`; finished runs are kept, an interrupted one goes on."""
+    config = plan.config if plan.workers == 1 else plan.config.with_(threads=1)
+    runs = train_runs(
+        Examples.of(pictures), config, plan.seeds, out / plan.key, workers=plan.workers, progress=progress
+    )
+    return Contender(plan, tuple(runs))
+
+
+def from_views_at_will(plan: Plan, stream: ViewStream, out: Path, progress: Progress) -> Contender:
+    """Train on views that are rendered as the network learns, a run a seed, in `out/<key>/seed-<seed>`."""
+    folders = [out / plan.key / f"seed-{seed}" for seed in plan.seeds]
+    runs = [
+        train(stream, plan.config.with_(seed=seed), folder, progress=progress, task=f"{plan.label}, seed {seed}")
+        for seed, folder in zip(plan.seeds, folders, strict=True)
+    ]
+    return Contender(plan, tuple(runs))
