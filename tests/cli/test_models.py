@@ -1,0 +1,203 @@
+"""`naris train`, `evaluate`, `locate`: one small model goes through all three, and each refusal is one sentence."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from naris.cli import main
+from naris.dataset.read import Dataset
+from naris.locate import locate
+from naris.model.checkpoint import load_checkpoint
+
+
+@pytest.fixture(scope="module")
+def pictures(tube: Path, tmp_path_factory) -> Path:
+    """A data set of 48 pictures of the tube."""
+    out = tmp_path_factory.mktemp("pictures") / "set"
+    size = ["--width", "64", "--height", "64", "--no-depth", "--quiet"]
+    assert main(["simulate", str(tube), "-o", str(out), "--count", "48", *size]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def trained(pictures: Path, tmp_path_factory) -> Path:
+    """The folder of a training of one epoch."""
+    out = tmp_path_factory.mktemp("training") / "run"
+    assert main(["train", str(pictures), "-o", str(out), "--epochs", "1", "--quiet"]) == 0
+    return out
+
+
+def test_training_tells_its_model_and_a_second_run_does_nothing(pictures: Path, trained: Path, capfd) -> None:
+    model = trained / "model.safetensors"
+    stamp = model.stat().st_mtime_ns
+    assert main(["train", str(pictures), "-o", str(trained), "--epochs", "1", "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert [run["model"] for run in told["runs"]] == [str(model)]
+    assert told["runs"][0]["steps"] == 1
+    assert model.stat().st_mtime_ns == stamp
+    subject = load_checkpoint(model).subject
+    assert subject.regions.names == ("one", "two", "three", "four")
+    assert subject.anatomy_digest == Dataset.open(pictures).anatomy_digest
+
+
+def test_another_training_in_the_same_folder_is_refused(pictures: Path, trained: Path, capfd) -> None:
+    before = (trained / "model.safetensors").read_bytes()
+    assert main(["train", str(pictures), "-o", str(trained), "--epochs", "2", "--quiet"]) == 2
+    assert capfd.readouterr().err.count("\n") == 1
+    assert (trained / "model.safetensors").read_bytes() == before
+
+
+@pytest.mark.slow
+def test_views_at_will_and_several_seeds(tube: Path, pictures: Path, tmp_path, capfd) -> None:
+    assert main(["train", str(tube), "-o", str(tmp_path / "will"), "--steps", "2", "--scopes", "many", "--quiet"]) == 0
+    assert load_checkpoint(tmp_path / "will" / "model.safetensors").network == "compact"
+    words = ["--network", "two-layer", "--epochs", "1", "--seeds", "3", "5", "--workers", "2", "--json"]
+    capfd.readouterr()
+    assert main(["train", str(pictures), "-o", str(tmp_path / "two"), *words]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert [run["seed"] for run in told["runs"]] == [3, 5]
+    assert main(["evaluate", str(tmp_path / "two"), "-d", str(pictures), "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert [one["seed"] for one in told["scores"]] == [3, 5]
+    assert told["std"] is not None
+    assert main(["locate", str(pictures / "images" / "000000.png"), "-m", str(tmp_path / "two")]) == 2
+    assert "one model" in capfd.readouterr().err
+
+
+def test_evaluation_counts_what_the_library_says(pictures: Path, trained: Path, tmp_path, capfd) -> None:
+    out = tmp_path / "scores"
+    assert main(["evaluate", str(trained), "-d", str(pictures), "-o", str(out), "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    dataset = Dataset.open(pictures)
+    answers = [one.region for one in locate(dataset.image_files, trained / "model.safetensors")]
+    expected = np.zeros((4, 4), dtype=int)
+    np.add.at(expected, (dataset.labels, answers), 1)
+    np.testing.assert_array_equal(told["scores"][0]["confusion"], expected)
+    assert told["mean"] == pytest.approx(np.trace(expected) / 48)
+    assert json.loads((out / "scores.json").read_text()) == told
+    stamp = (out / "predictions-0.npz").stat().st_mtime_ns
+    assert main(["evaluate", str(trained / "model.safetensors"), "-d", str(pictures), "-o", str(out)]) == 0
+    assert (out / "predictions-0.npz").stat().st_mtime_ns == stamp
+    assert f"accuracy {100 * told['mean']:.1f} %" in capfd.readouterr().out
+
+
+def test_locating_says_what_the_library_says(pictures: Path, trained: Path, capfd) -> None:
+    files = [str(pictures / "images" / f"{i:06d}.png") for i in range(3)]
+    doubtless = ["--probability", "0", "--out-of-domain", "1.1"]
+    assert main(["locate", *files, "-m", str(trained), *doubtless, "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["model"]["regions"] == ["one", "two", "three", "four"]
+    for one, said in zip(
+        told["pictures"], locate([Path(f) for f in files], trained / "model.safetensors"), strict=True
+    ):
+        assert one["localised"] and one["why_not"] is None
+        assert one["region"] == said.region_name
+        assert sum(one["probabilities"].values()) == pytest.approx(1)
+        np.testing.assert_allclose(one["hypotheses"][0]["anatomy_T_camera"], said.hypotheses.matrix[0], atol=1e-5)
+        assert sum(h["weight"] for h in one["hypotheses"]) == pytest.approx(1, abs=1e-5)
+        assert all(h["sd_mm"] > 0 and h["sd_deg"] > 0 for h in one["hypotheses"])
+
+
+def test_nothing_localised_is_status_1_with_the_reason(pictures: Path, trained: Path, capfd) -> None:
+    picture = str(pictures / "images" / "000000.png")
+    assert main(["locate", picture, "-m", str(trained), "--probability", "1.1", "--out-of-domain", "1.1"]) == 1
+    assert "not localised, no region is likely enough" in capfd.readouterr().out
+    assert main(["locate", picture, "-m", str(trained), "--out-of-domain", "0", "--json"]) == 1
+    (told,) = json.loads(capfd.readouterr().out)["pictures"]
+    assert (told["localised"], told["why_not"]) == (False, "unlike the training's pictures")
+
+
+def test_the_camera_can_be_told(pictures: Path, trained: Path, tmp_path, capfd) -> None:
+    picture = str(pictures / "images" / "000000.png")
+    assert main(["locate", picture, "-m", str(trained), "--json"]) in (0, 1)
+    plain = json.loads(capfd.readouterr().out)["pictures"][0]
+    assert main(["locate", picture, "-m", str(trained), "--intrinsics", str(pictures / "dataset.json"), "--json"]) < 2
+    same = json.loads(capfd.readouterr().out)["pictures"][0]
+    assert same["probabilities"] == pytest.approx(plain["probabilities"], abs=0.05)
+    (tmp_path / "camera.json").write_text('{"width": 64}')
+    assert main(["locate", picture, "-m", str(trained), "--intrinsics", str(tmp_path / "camera.json")]) == 2
+    assert capfd.readouterr().err.count("\n") == 1
+
+
+def bad_words(kind: str, pictures: Path, trained: Path, folder: Path) -> list[str]:
+    picture, model = pictures / "images" / "000000.png", trained / "model.safetensors"
+    if kind == "a text file named png":
+        (folder / "text.png").write_text("no picture")
+        return ["locate", str(picture), str(folder / "text.png"), "-m", str(model)]
+    if kind == "a picture that is not there":
+        return ["locate", str(folder / "none.png"), "-m", str(model)]
+    if kind == "a tiny picture":
+        Image.new("RGB", (3, 3)).save(folder / "tiny.png")
+        return ["locate", str(folder / "tiny.png"), "-m", str(model)]
+    if kind == "a truncated model":
+        (folder / "model.safetensors").write_bytes(model.read_bytes()[:-100])
+        return ["locate", str(picture), "-m", str(folder / "model.safetensors")]
+    if kind == "a picture as model":
+        return ["locate", str(picture), "-m", str(picture)]
+    if kind == "a folder without a model":
+        return ["evaluate", str(folder), "-d", str(pictures)]
+    if kind == "a data set without a picture":
+        shutil.copytree(pictures, folder / "set")
+        (folder / "set" / "images" / "000007.png").unlink()
+        return ["evaluate", str(model), "-d", str(folder / "set")]
+    if kind == "a data set without a pose":
+        shutil.copytree(pictures, folder / "set")
+        samples = folder / "set" / "samples.jsonl"
+        rows = [json.loads(row) for row in samples.read_text().splitlines()]
+        del rows[5]["anatomy_T_camera"]
+        samples.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        return ["train", str(folder / "set"), "-o", str(folder / "run")]
+    if kind == "other regions":
+        main(["simulate", "--quiet", *_other_regions(pictures, folder)])
+        return ["evaluate", str(model), "-d", str(folder / "other")]
+    return {
+        "two lengths": ["train", str(pictures), "-o", str(folder / "run"), "--epochs", "1", "--steps", "1"],
+        "a seed twice": ["train", str(pictures), "-o", str(folder / "run"), "--seeds", "1", "1"],
+        "nothing to learn from": ["train", str(folder / "none"), "-o", str(folder / "run")],
+    }[kind]
+
+
+def _other_regions(pictures: Path, folder: Path) -> list[str]:
+    halves = {"schema": "naris.regions/1", "kind": "slabs", "name": "halves", "names": ["front", "back"]}
+    (folder / "halves.json").write_text(json.dumps({**halves, "frame": "LPS", "axis": 1, "borders_mm": [0]}))
+    tube = folder / "tube"
+    from naris.anatomy.folder import save_anatomy
+    from tests.winding_tube import winding_tube
+
+    save_anatomy(winding_tube(), tube)
+    size = ["--width", "64", "--height", "64", "--count", "4", "--no-depth"]
+    return [str(tube), "-o", str(folder / "other"), "--regions", str(folder / "halves.json"), *size]
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "a text file named png",
+        "a picture that is not there",
+        "a tiny picture",
+        "a truncated model",
+        "a picture as model",
+        "a folder without a model",
+        "a data set without a picture",
+        "a data set without a pose",
+        "other regions",
+        "two lengths",
+        "a seed twice",
+        "nothing to learn from",
+    ],
+)
+def test_a_refusal_is_one_sentence(kind: str, pictures: Path, trained: Path, tmp_path, capfd) -> None:
+    words = bad_words(kind, pictures, trained, tmp_path)
+    capfd.readouterr()
+    assert main([*words, "--quiet"]) == 2
+    told = capfd.readouterr()
+    assert told.out == ""
+    assert re.fullmatch(r"naris: [^\n]+; [^\n]+\n", told.err), told.err
+    assert not (tmp_path / "run" / "model.safetensors").exists()
