@@ -152,3 +152,16 @@ def test_the_published_sizes_on_the_mean_nose(mean_nose_ply) -> None:
         np.testing.assert_allclose(views.anatomy_T_camera.rotation[:, 2, 0], 0, atol=1e-9)  # +z is up
     assert not neighbours(splits.train.anatomy_T_camera, splits.trajectory.anatomy_T_camera).any()
     assert neighbours(splits.train.anatomy_T_camera, splits.published.anatomy_T_camera).all()
+
+
+@pytest.mark.slow
+def test_thirteen_regions_of_the_built_in_nose() -> None:
+    from naris.anatomy.builtin import built_in_nose
+
+    anatomy = built_in_nose(resolution_mm=1.0)
+    splits = make_splits(anatomy, anatomy.region_set("anatomical"), np.random.default_rng(0))
+    assert (len(splits.train), len(splits.published), len(splits.trajectory)) == (1270, 150, 150)
+    for views, least in ((splits.train, 70), (splits.published, 10), (splits.trajectory, 10)):
+        assert np.bincount(views.region, minlength=13).min() >= least
+        check_in_lumen(signed_distance(anatomy), views.anatomy_T_camera, 0.3)
+    assert not neighbours(splits.train.anatomy_T_camera, splits.trajectory.anatomy_T_camera).any()

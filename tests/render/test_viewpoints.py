@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -45,6 +46,7 @@ def distance():
     return signed_distance(winding_tube())
 
 
+@cache
 def bank_of(distance, distribution: ViewDistribution, regions: SlabRegions = SLABS):
     return view_bank(distance, winding_tube().passages, regions, distribution)
 

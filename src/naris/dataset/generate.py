@@ -113,10 +113,12 @@ def simulate(
 
     Raises:
         ConfigurationChanged: if `out` holds a data set made with other settings; nothing is touched.
-        DatasetError: if `out` holds something else.
+        DatasetError: if `out` holds something else, or the scene is of another anatomy.
         DiskFull: if there is no room; every file that is there is whole, and the same call goes on.
     """
     scene = scene or Scene(simulation.anatomy)
+    if scene.anatomy.digest != simulation.anatomy.digest:
+        raise DatasetError(f"a scene of {simulation.anatomy.name}", f"one of {scene.anatomy.name}", "leave it out")
     about = simulation.about(scene.engine)
     _claim(out, about)
     missing = [i for i in range(len(simulation.views)) if not _is_done(out, i, simulation.depth)]

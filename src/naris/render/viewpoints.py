@@ -32,8 +32,9 @@ FREE = -1
 
 _PROBE = Intrinsics.from_vertical_fov(8, 8, 45.0)
 _ANY_LOOK = Appearance()
-_ROUNDS = 200
+_TRIES = (2, 2, 4, 8, 16, 32, 64, 128, 256)
 _FEWEST_PLACES = 40
+_MOST_PLACES, _MOST_PLACES_IN_ALL = 20_000, 100_000
 _TANGENT_SD_MM = 4.0
 _SIGHT_SAMPLES = 12
 
@@ -186,6 +187,7 @@ def view_bank(
     region = regions.label(places).astype(np.int64)
     room = _room(region, clearance, regions, distribution.clearance_mm)
     keep = np.flatnonzero((region != NOWHERE) & (clearance >= room[region]))
+    keep = _thinned(keep, region, distribution.balanced)
     keep = keep[np.argsort(region[keep], kind="stable")]
     places, region = places[keep], region[keep]
     starts = np.searchsorted(region, np.arange(len(regions.names) + 1))
@@ -202,10 +204,10 @@ def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator) -
     wanted = _regions_wanted(bank, n, rng)
     matrix = np.empty((n, 4, 4))
     still = np.arange(n)
-    for _ in range(_ROUNDS):
+    for tries in _TRIES:
         if not len(still):
             break
-        tried = np.repeat(still, 2)
+        tried = np.repeat(still, tries)
         poses = _draw(bank, wanted[tried], rng)
         good = np.flatnonzero(sees_ahead(scene, poses, bank.distribution.median_depth_mm, bank.distribution.seen))
         matrix[tried[good]] = poses.matrix[good]
@@ -214,7 +216,7 @@ def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator) -
         names = sorted({bank.regions.names[k] if k >= 0 else "the lumen" for k in wanted[still].tolist()})
         raise RegionError(
             f"views with a median depth of {bank.distribution.median_depth_mm} mm or more in {', '.join(names)}",
-            f"none in {2 * _ROUNDS} tries",
+            f"none in {sum(_TRIES)} tries",
             "lower the depth or merge the region with a neighbour",
         )
     anatomy_T_camera = Pose(matrix, bank.regions.frame, "camera")
@@ -320,6 +322,14 @@ def _room(
             room[k] = widest[fewest - 1]
             _log.info("%s has no %.1f mm of room for a camera: its widest places have %.1f mm", name, asked_mm, room[k])
     return room
+
+
+def _thinned(keep: Int[np.ndarray, "m"], region: Int[np.ndarray, "n"], balanced: bool) -> Int[np.ndarray, "l"]:
+    """Enough places to draw from: in each region where regions are drawn equally often, else in all."""
+    mixed = np.random.default_rng(0).permutation(keep)
+    if not balanced:
+        return mixed[:_MOST_PLACES_IN_ALL]
+    return np.concatenate([mixed[region[mixed] == k][:_MOST_PLACES] for k in np.unique(region[keep])])
 
 
 def _regions_wanted(bank: ViewBank, n: int, rng: np.random.Generator) -> Int[np.ndarray, "{n}"]:
