@@ -26,6 +26,8 @@ class Benchmark(NamedTuple):
 BENCHMARKS: Mapping[str, Benchmark] = {
     "render": Benchmark("naris.bench.render", "speed of the renderer beside others, and whether it is right"),
     "simulate": Benchmark("naris.bench.simulate", "seconds for 1,420 pictures on disk"),
+    "demo": Benchmark("naris.bench.demo", "what naris demo comes to, and its seconds"),
+    "reproduce": Benchmark("naris.bench.reproduce", "the published experiment, every network on every split"),
 }
 """Every benchmark that works."""
 
