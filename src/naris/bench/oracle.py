@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, Int32
-from numba import njit, prange
+from numba import njit
 
 
 def nearest_faces(
@@ -27,10 +27,10 @@ def nearest_faces(
     return found, distance
 
 
-@njit(cache=True, parallel=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nearest(corners: Any, origins: Any, directions: Any, found: Any, distance: Any) -> None:
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    for ray in prange(len(origins)):
+    for ray in range(len(origins)):
         ox, oy, oz = origins[ray]
         dx, dy, dz = directions[ray]
         best, face = np.inf, -1
