@@ -221,11 +221,17 @@ def test_draws_repeat_and_the_unseen_ones_are_apart() -> None:
     assert max(a.light.exponent for a in seen) < min(a.light.exponent for a in unseen)
     assert max(a.light.attenuation[2] for a in seen) <= min(a.light.attenuation[2] for a in unseen)
     assert max(warmth(a) for a in unseen) < min(warmth(a) for a in seen)
+    assert max(violet(a) for a in seen) < min(violet(a) for a in unseen)
 
 
 def warmth(appearance: Appearance) -> float:
     red, _, blue = appearance.light.diffuse
     return red - blue
+
+
+def violet(appearance: Appearance) -> float:
+    red, _, blue = appearance.material.pale
+    return blue / red
 
 
 @pytest.mark.parametrize(
