@@ -14,7 +14,7 @@ from naris.errors import InputError
 Point = Float[np.ndarray, "3"]
 SIDES = {"left": 1, "right": -1}
 ON_THE_WALL = ("anterior tip", "posterior wall", "nasal floor")
-_SEARCH_MM = 2.0
+_SEARCH_MM = (2.0, 3.5, 5.0)
 
 
 def landmarks_mm(p: NoseParameters, at: Layout, clearance_mm: Field, grid: Grid) -> dict[str, Point]:
@@ -55,7 +55,7 @@ def _of_side(p: NoseParameters, at: Layout, side: int) -> dict[str, Point]:
 
     middle_y = at.y_middle_head + 0.35 * (at.y_middle_tail - at.y_middle_head)
     inferior_y = at.y_inferior_head + 0.5 * (at.y_inferior_tail - at.y_inferior_head)
-    tube_y, tube_z = at.y_choana + 0.4 * p.nasopharynx_depth_mm, Z_FLOOR_MM + 0.34 * p.choana_height_mm
+    tube_y, tube_z = at.y_choana + 0.4 * p.nasopharynx_depth_mm - 0.8, Z_FLOOR_MM + 0.36 * p.choana_height_mm - 1.6
     low = 0.5 * p.inferior_floor_gap_mm + 0.5
     return {
         "nostril": np.array([side * (p.columella_width_mm + p.nostril_width_mm) / 2, at.y_nostril, at.z_nostril + 2]),
@@ -69,17 +69,17 @@ def _of_side(p: NoseParameters, at: Layout, side: int) -> dict[str, Point]:
         "superior meatus": medial(at.y_superior_tail - 1, 31.0, 1.6),
         "olfactory cleft": medial(at.y_superior_head, 37.0, 0.5 * p.olfactory_cleft_width_mm),
         "choana": medial(at.y_choana - 1, 0.45 * p.choana_height_mm, 0.5 * p.choana_width_mm),
-        "eustachian opening": np.array([side * (p.nasopharynx_width_mm / 2 - 3.5), tube_y, tube_z]),
+        "eustachian opening": np.array([side * (p.nasopharynx_width_mm / 2 - 2.4), tube_y, tube_z]),
     }
 
 
 def _roomiest(point_mm: Point, clearance_mm: Field, grid: Grid, name: str) -> Point:
-    """The node with the most clearance within `_SEARCH_MM` along each axis."""
-    low, high = point_mm - _SEARCH_MM, point_mm + _SEARCH_MM
-    window = grid.window(tuple(low.tolist()), tuple(high.tolist()))
-    near = clearance_mm[window]
-    if not near.size or near.max() <= 0:
-        raise InputError(f"air at the {name}", "a nose that is closed there", "widen the passages")
-    best = np.unravel_index(int(near.argmax()), near.shape)
-    axes = (grid.x_mm, grid.y_mm, grid.z_mm)
-    return np.array([axis[s][i] for axis, s, i in zip(axes, window, best, strict=True)], dtype=np.float64)
+    """The node with the most clearance near a point: within the first of `_SEARCH_MM` along each axis with any air."""
+    for reach_mm in _SEARCH_MM:
+        window = grid.window(tuple((point_mm - reach_mm).tolist()), tuple((point_mm + reach_mm).tolist()))
+        near = clearance_mm[window]
+        if near.size and near.max() > 0:
+            best = np.unravel_index(int(near.argmax()), near.shape)
+            axes = (grid.x_mm, grid.y_mm, grid.z_mm)
+            return np.array([axis[s][i] for axis, s, i in zip(axes, window, best, strict=True)], dtype=np.float64)
+    raise InputError(f"air at the {name}", "a nose that is closed there", "widen the passages")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from jaxtyping import Float
 
 from naris.anatomy.builtin.implicit import Field, Grid, bump, profile, smooth_max, smooth_min, smooth_min_of, tube
@@ -54,7 +53,7 @@ def nasopharynx(p: NoseParameters, at: Layout, grid: Grid) -> Field:
     )
     lateral = half - width
     # The adenoid pad: the posterior wall bulges in the midline, high up, in shallow folds.
-    folds = 1.0 + 0.22 * np.cos(2 * np.pi * (grid.x - 1.3) / 5.5)
+    folds = 1.0 - 0.22 * np.cos(2 * np.pi * grid.x / 5.5)
     pad = 1.8 * folds * bump(grid.x, 0, 5.5) * bump(z, Z_FLOOR_MM + 0.62 * p.choana_height_mm, 6.5)[None, None, :]
     lean = 0.10 * (z - Z_FLOOR_MM)[None, None, :]
     posterior = back - lean - pad - grid.y

@@ -2,31 +2,66 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
+from jaxtyping import Float, Int32
 from scipy import ndimage
 
 from naris.anatomy.builtin.extract import only_lumen, softened, surface, taubin
 from naris.anatomy.builtin.field import grid_for, lumen_field
+from naris.anatomy.builtin.implicit import Grid
 from naris.anatomy.builtin.landmarks import landmarks_mm
-from naris.anatomy.builtin.layout import layout_of
+from naris.anatomy.builtin.layout import Layout, layout_of
 from naris.anatomy.builtin.parameters import NoseParameters
 from naris.anatomy.builtin.regions import anatomical_regions
 from naris.anatomy.builtin.routes import routes
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.passages import find_passages
 from naris.anatomy.regions import paper_slabs
-from naris.core.anatomy import Anatomy
-from naris.errors import InputError
+from naris.core.anatomy import Anatomy, Passage
+from naris.errors import InputError, PoseError
 
 FRAME = "LPS"
 NAME = "built-in nose"
 RESOLUTION_MM = 0.65
 _RESOLUTION_LIMITS_MM = (0.25, 1.0)
-_PASSAGE_SPACING_MM = 1.0
+_PASSAGE_SPACINGS_MM = (1.0, 0.5)
 _SMOOTHING_STEPS = 4
 _PASS_BAND = (0.50, -0.53)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """The bare shape of a built-in nose, before anything is named in it.
+
+    Attributes:
+        vertices_mm, faces: the closed surface, normals out of the lumen.
+        lumen: (nx, ny, nz) field on `grid`, positive in the air.
+        at: where its parts lie.
+    """
+
+    vertices_mm: Float[np.ndarray, "v 3"]
+    faces: Int32[np.ndarray, "f 3"]
+    lumen: Float[np.ndarray, "nx ny nz"]
+    grid: Grid
+    at: Layout
+
+
+def shape_of(parameters: NoseParameters, resolution_mm: float = RESOLUTION_MM) -> Shape:
+    """The surface that the parameters make, on a grid of that spacing.
+
+    Raises:
+        InputError: if the resolution is out of range or the parameters do not make a nose.
+    """
+    low, high = _RESOLUTION_LIMITS_MM
+    if not np.isfinite(resolution_mm) or not low <= resolution_mm <= high:
+        raise InputError(f"a resolution between {low} and {high} mm", f"{resolution_mm}", "use about 0.6 mm")
+    at = layout_of(parameters)
+    grid = grid_for(parameters, at, resolution_mm)
+    lumen = only_lumen(softened(lumen_field(parameters, at, grid), resolution_mm))
+    vertices, faces = surface(lumen, grid)
+    return Shape(taubin(vertices, faces, _SMOOTHING_STEPS, _PASS_BAND), faces, lumen, grid, at)
 
 
 def built_in_nose(parameters: NoseParameters = NoseParameters(), *, resolution_mm: float = RESOLUTION_MM) -> Anatomy:
@@ -46,30 +81,32 @@ def built_in_nose(parameters: NoseParameters = NoseParameters(), *, resolution_m
     Raises:
         InputError: if the resolution is out of range or the parameters do not make a nose.
     """
-    low, high = _RESOLUTION_LIMITS_MM
-    if not np.isfinite(resolution_mm) or not low <= resolution_mm <= high:
-        raise InputError(f"a resolution between {low} and {high} mm", f"{resolution_mm}", "use about 0.6 mm")
-    at = layout_of(parameters)
-    grid = grid_for(parameters, at, resolution_mm)
-    lumen = only_lumen(softened(lumen_field(parameters, at, grid), resolution_mm))
-    vertices, faces = surface(lumen, grid)
-    vertices = taubin(vertices, faces, _SMOOTHING_STEPS, _PASS_BAND)
-    clearance = ndimage.distance_transform_edt(lumen > 0, sampling=resolution_mm).astype(np.float32)
-    landmarks = landmarks_mm(parameters, at, clearance, grid)
+    shape = shape_of(parameters, resolution_mm)
+    clearance = ndimage.distance_transform_edt(shape.lumen > 0, sampling=resolution_mm).astype(np.float32)
     anatomy = Anatomy(
-        vertices_mm=vertices,
-        faces=faces,
+        vertices_mm=shape.vertices_mm,
+        faces=shape.faces,
         frame=FRAME,
         name=NAME,
         source=f"naris.anatomy.builtin at {resolution_mm:g} mm with {_told(parameters)}",
         regions={
             "paper": paper_slabs(FRAME),
-            "anatomical": anatomical_regions(parameters, at, lumen, grid, FRAME),
+            "anatomical": anatomical_regions(parameters, shape.at, shape.lumen, shape.grid, FRAME),
         },
-        landmarks_mm=landmarks,
+        landmarks_mm=landmarks_mm(parameters, shape.at, clearance, shape.grid),
     )
-    distance = signed_distance(anatomy, _PASSAGE_SPACING_MM)
-    return anatomy.with_(passages=find_passages(anatomy, distance, routes(landmarks)))
+    return anatomy.with_(passages=_passages(anatomy))
+
+
+def _passages(anatomy: Anatomy) -> tuple[Passage, ...]:
+    """Along the routes of the built-in nose; a finer grid is tried where a coarse one finds no way through."""
+    wanted = routes(anatomy.landmarks_mm)
+    for spacing_mm in _PASSAGE_SPACINGS_MM:
+        try:
+            return find_passages(anatomy, signed_distance(anatomy, spacing_mm), wanted)
+        except PoseError as error:
+            closed = error
+    raise InputError("passages open from the nostrils to their ends", str(closed), "widen the meatuses")
 
 
 def _told(parameters: NoseParameters) -> str:

@@ -58,7 +58,12 @@ class NoseParameters:
 
     # The whole cavity
     cavity_length_mm: float = _measured(
-        72, (64, 80), (58, 90), "tip of the nostril to the choana, along y", f"{LANG}; approximate"
+        72,
+        (64, 82),
+        (58, 90),
+        "tip of the nostril to the choana, along y",
+        "Öksüzler et al. 2019, Int J Morphol 37:22 (columella to sphenoid sinus 66 ± 5 mm in women, 72 ± 5 mm in men); "
+        "approximate",
     )
     cavity_height_mm: float = _measured(
         43, (38, 48), (34, 54), "nasal floor to the cribriform plate", f"{LANG}; approximate"
@@ -67,7 +72,7 @@ class NoseParameters:
         16.5, (13, 19), (11, 22), "midline to the lateral wall of the inferior meatus", f"{LANG}; approximate"
     )
     middle_meatus_half_width_mm: float = _measured(
-        14.4, (11, 16), (10, 18), "midline to the lateral wall of the middle meatus", f"{LANG}; approximate"
+        14.0, (11, 16), (10, 18), "midline to the lateral wall of the middle meatus", f"{LANG}; approximate"
     )
     # Nostril, vestibule and valve
     nostril_length_mm: float = _measured(
@@ -104,14 +109,18 @@ class NoseParameters:
     )
     # Septum
     septum_thickness_mm: float = _measured(
-        3.0, (2, 4.5), (1.5, 6), "mucosa to mucosa, middle of the septum", f"{LANG}; approximate"
+        3.0,
+        (2, 4.5),
+        (1.5, 6),
+        "mucosa to mucosa, middle of the septum",
+        "Saunders et al. 1995, Clin Otolaryngol 20 (mucosa 0.5 to 3.5 mm a side); approximate",
     )
     septal_swell_body_mm: float = _measured(
-        2.2,
-        (0, 8),
+        4.4,
         (0, 9),
+        (0, 10),
         "what the septal swell body adds to the thickness (decongested)",
-        "Costa et al. 2010, Arch Otolaryngol Head Neck Surg 136:1107 (whole width about 12 mm undecongested)",
+        "Costa et al. 2010, Arch Otolaryngol Head Neck Surg 136:1107 (whole width 12.4 ± 1.9 mm, not decongested)",
     )
     septum_deviation_mm: float = _measured(
         1.6,
@@ -139,14 +148,15 @@ class NoseParameters:
         46, (40, 52), (34, 58), "length of the inferior turbinate", f"{LANG}; approximate"
     )
     inferior_thickness_mm: float = _measured(
-        6.6,
+        7.2,
         (5, 9),
         (4, 11),
-        "thickest part of the inferior turbinate (decongested)",
-        "Berger, Balum-Azim, Ophir 2003, Laryngoscope 113:1192; Egeli et al. 2004, Laryngoscope 114:113; approximate",
+        "thickness of its body at mid-length (decongested)",
+        "Berger, Balum-Azim, Ophir 2003, Laryngoscope 113:1192; El-Anwar et al. 2017, Int Arch Otorhinolaryngol 21(4); "
+        "approximate",
     )
     inferior_height_mm: float = _measured(
-        15, (11, 18), (9, 20), "root to lower border of the inferior turbinate", f"{LANG}; approximate"
+        14.4, (11, 18), (9, 20), "root to lower border of the inferior turbinate", f"{LANG}; approximate"
     )
     inferior_floor_gap_mm: float = _measured(
         3.3, (1, 5), (0.8, 6), "lower border of the inferior turbinate to the floor", f"{LANG}; approximate"
@@ -163,10 +173,14 @@ class NoseParameters:
         9, (6, 14), (4, 18), "head of the inferior to head of the middle turbinate, along y", f"{LANG}; approximate"
     )
     middle_length_mm: float = _measured(
-        37, (32, 45), (28, 50), "length of the middle turbinate", f"{LANG}; approximate"
+        37,
+        (32, 45),
+        (28, 50),
+        "length of the middle turbinate",
+        f"{LANG}; Lee et al. 2006, Clin Anat 19 (18.5 mm to the head of the superior turbinate); approximate",
     )
     middle_thickness_mm: float = _measured(
-        5.0, (4, 8), (3, 10), "thickest part of the middle turbinate", "Joe, Ho, Yanagisawa 2000, Laryngoscope 110:229"
+        5.4, (4, 8), (3, 10), "thickest part of the middle turbinate", f"{LANG}; approximate"
     )
     middle_olfactory_gap_mm: float = _measured(
         2.5, (1, 4), (0.8, 6), "septum to the body of the middle turbinate (decongested)", f"{LANG}; approximate"
@@ -188,20 +202,22 @@ class NoseParameters:
     )
     olfactory_cleft_width_mm: float = _measured(
         1.8,
-        (1, 2.5),
+        (1, 2.7),
         (0.8, 4),
         "septum to the vertical lamella of the middle turbinate",
-        "Leopold 1988, Laryngoscope 98:1232; Zhao et al. 2004, Chem Senses 29:365; approximate",
+        "Chan, Lee, Thamboo 2023, Acta Otorhinolaryngol Ital (2.0–2.3 ± 0.7 mm between bones); "
+        "Leopold 1988, Laryngoscope 98:1232",
     )
     # Choana and nasopharynx
     choana_width_mm: float = _measured(12.5, (10, 15), (8, 18), "one choana, at its widest", f"{GRAY} (about 12.5 mm)")
     choana_height_mm: float = _measured(25, (20, 30), (17, 34), "one choana, at its highest", f"{GRAY} (about 25 mm)")
     nasopharynx_depth_mm: float = _measured(
         20,
-        (15, 26),
+        (17, 26),
         (12, 32),
         "choana to the posterior wall",
-        "Bergland 1963, Acta Odontol Scand 21 Suppl 35; approximate",
+        "Normal nasopharyngeal measurement by computed tomography in adult, 2017, J Craniofac Surg 28(4) "
+        "(21.8 ± 4.6 mm)",
     )
     nasopharynx_width_mm: float = _measured(
         34, (28, 42), (24, 48), "between the pharyngeal recesses", f"{GRAY}; approximate"

@@ -22,6 +22,7 @@ from naris.anatomy.builtin.walls import Walls
 _FAR_MM = 4.0
 _POINTS = 18
 _STATIONS = 15
+_MEATUS_MM = 2.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +77,10 @@ def _stations(table: Sequence[tuple[Number, ...]]) -> Float[np.ndarray, "s k"]:
 def inferior_turbinate(p: NoseParameters, at: Layout, wall: WallReader) -> Turbinate:
     """A comma in section: root on the lateral wall, body towards the septum, border curled out and up.
 
-    Its head is a solid bulb on the lateral wall; the inferior meatus opens behind it.
+    Its head is a solid bulb on the lateral wall; the inferior meatus opens behind it. Where the cavity is too narrow
+    for the common and the inferior meatus beside it, it is thinner than asked, by half at most.
     """
-    r = p.inferior_thickness_mm / 2
+    full = r = p.inferior_thickness_mm / 2
     low = at.z_at(0) + p.inferior_floor_gap_mm + r
     top = at.z_at(0) + p.inferior_floor_gap_mm + p.inferior_height_mm
     mid = 0.5 * (low + top) - 0.5
@@ -87,6 +89,8 @@ def inferior_turbinate(p: NoseParameters, at: Layout, wall: WallReader) -> Turbi
     ys, rows = [], []
     for t, size, open_ in _stations(table):
         y = at.y_inferior_head + t * (at.y_inferior_tail - at.y_inferior_head)
+        room = wall.lateral(y, mid) - wall.medial(y, mid) - p.common_meatus_width_mm - _MEATUS_MM
+        r = full - open_ * (full - min(full, max(0.5 * room, 0.5 * full)))
         u_free = wall.medial(y, mid) + p.common_meatus_width_mm + r
         u_head = max(wall.lateral(y, mid) - 0.9 * r, wall.medial(y, mid) + p.common_meatus_width_mm + 1.3 * r)
         u = u_free * open_ + u_head * (1 - open_)
@@ -119,13 +123,13 @@ def middle_turbinate(p: NoseParameters, at: Layout, wall: WallReader) -> Turbina
     # up to the skull base, along it, and down behind as the basal lamella.
     table = (
         (0.00, 32.5, 29.0, 26.0, 0.7, 0.3),
-        (0.15, 35.5, 26.5, 22.2, 1.0, 1.2),
-        (0.35, 38.0, 25.8, 21.4, 1.0, 2.5),
-        (0.50, 37.5, 25.5, 21.3, 1.0, 2.6),
-        (0.60, 35.8, 25.2, 21.2, 1.0, 2.6),
-        (0.70, 31.5, 24.8, 21.1, 0.96, 2.5),
-        (0.80, 27.5, 24.0, 21.0, 0.9, 2.3),
-        (1.00, 23.0, 22.0, 20.4, 0.6, 1.2),
+        (0.15, 35.5, 26.5, 22.9, 1.0, 1.2),
+        (0.35, 38.0, 25.8, 22.1, 1.0, 2.5),
+        (0.50, 37.5, 25.5, 22.0, 1.0, 2.6),
+        (0.60, 35.8, 25.2, 21.9, 1.0, 2.6),
+        (0.70, 31.5, 24.8, 21.7, 0.96, 2.5),
+        (0.80, 27.5, 24.0, 21.5, 0.9, 2.3),
+        (1.00, 23.0, 22.0, 20.9, 0.6, 1.2),
     )
     ys, rows = [], []
     for t, h_root, h_body, h_low, size, curl in _stations(table):

@@ -68,14 +68,14 @@ def _lateral_table(p: NoseParameters, at: Layout) -> tuple[list[float], list[flo
     heights = [-11.0, -4.0, 0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 31.0, 36.0, 43.0]
     low, mid = p.inferior_meatus_half_width_mm, p.middle_meatus_half_width_mm
     alar = p.columella_width_mm / 2 + p.nostril_width_mm
-    top = p.septum_thickness_mm / 2 + 1.3
+    top = p.septum_thickness_mm / 2 + 1.0
     slope = math.tan(math.radians(p.valve_angle_deg))
     valve = [top + max(0.0, 25 - h) * slope * (1.0 if h > 6 else 1.0 - 0.05 * (6 - h)) for h in heights]
     cleft = p.septum_thickness_mm / 2 + p.olfactory_cleft_width_mm
     choana = p.septum_thickness_mm / 2 + p.choana_width_mm
     span = at.y_sphenoid_face - at.y_middle_head
-    aditus = [low * f for f in (0.52, 0.55, 0.56, 0.57, 0.56, 0.53, 0.50, 0.45, 0.38, 0.29)]
-    head = [low * f for f in (0.66, 0.69, 0.70, 0.70, 0.69, 0.67, 0.63, 0.57, 0.49, 0.38)]
+    aditus = [low * f for f in (0.45, 0.48, 0.49, 0.49, 0.48, 0.46, 0.43, 0.39, 0.34, 0.26)]
+    head = [low * f for f in (0.60, 0.64, 0.66, 0.66, 0.65, 0.63, 0.58, 0.51, 0.44, 0.33)]
     belly = [low * f for f in (0.80, 0.84, 0.92, 0.99, 1.00, 0.96)] + [0.5 * (low + mid)]
     back = [low * f for f in (0.75, 0.78, 0.85, 0.92, 0.93, 0.90)] + [0.48 * (low + mid)]
     rows = [
