@@ -47,8 +47,8 @@ class DemoConfig:
         seed: of everything.
     """
 
-    train_positions: int = 40
-    test_positions: int = 32
+    train_positions: int = 48
+    test_positions: int = 16
     epochs: int = 5
     budget_s: float = 150.0
     located: int = 8

@@ -64,7 +64,7 @@ class ReproduceConfig:
     runs: int = 5
     compact_epochs: int = 60
     compact_runs: int = 5
-    at_will_steps: int = 6000
+    at_will_steps: int = 4500
     at_will_runs: int = 1
     workers: int = 2
     seed: int = 0

@@ -24,6 +24,8 @@ class Verb(NamedTuple):
 
 
 VERBS: Mapping[str, Verb] = {
+    "demo": Verb("naris.cli.demo", "the whole pipeline on the built-in nose, with a report, in about five minutes"),
+    "reproduce": Verb("naris.cli.reproduce", "the published experiment on the mean nose, and what it leaves open"),
     "anatomy": Verb("naris.cli.anatomy", "look at an anatomy, keep it with regions, passages and a picture"),
     "simulate": Verb("naris.cli.simulate", "pictures of an anatomy with poses, regions and depth"),
     "train": Verb("naris.cli.train", "a network, on views rendered as it learns or on a data set"),

@@ -34,7 +34,7 @@ class Options:
     """Of the two-layer network, and of the compact one on the same pictures."""
     compact_epochs: int = 60
     """Of the compact network on the same pictures."""
-    at_will_steps: int = 6000
+    at_will_steps: int = 4500
     """Batches of 64 views at will for the compact network."""
     workers: int = 2
     """Runs at a time, each on one thread."""
