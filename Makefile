@@ -10,6 +10,7 @@ export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := constraints.txt
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 SUITABLE := import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python; do \
 	if $$python -c '$(SUITABLE)' 2>/dev/null; then echo $$python; break; fi; done)
 
@@ -22,10 +23,10 @@ demo: .venv/.installed  ## a nose, pictures of it, a network trained on them, a 
 	$(BIN)/naris demo
 
 test: lint  ## all checks and all tests, with coverage
-	$(BIN)/python -m pytest --cov --cov-report=term
+	$(PYTEST) --cov --cov-report=term
 
 quick: .venv/.installed-dev  ## the tests that take no time
-	$(BIN)/python -m pytest -m "not slow" --durations=0 --durations-min=2
+	$(PYTEST) -m "not slow"
 
 lint: .venv/.installed-dev  ## style, types, import contracts
 	$(BIN)/ruff check .
