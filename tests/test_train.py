@@ -245,7 +245,7 @@ def test_validation_sets_the_temperature(tmp_path: Path) -> None:
     checkpoint = load_checkpoint(train(_examples(320), config, tmp_path / "kept").checkpoint)
     assert checkpoint.calibration.pictures == 160
     plain = load_checkpoint(train(_examples(), TWO_LAYER, tmp_path / "plain").checkpoint)
-    assert (plain.calibration.pictures, plain.calibration.temperature) == (0, 1.0)
+    assert (plain.calibration.pictures, plain.calibration.temperature, plain.calibration.usual) == (0, 1.0, None)
 
 
 def test_a_budget_is_kept_and_the_rate_falls_with_the_clock(tmp_path: Path) -> None:

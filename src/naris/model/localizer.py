@@ -27,6 +27,7 @@ from naris.model.two_layer import TWO_LAYER, TwoLayer, TwoLayerConfig
 
 NetworkConfig = TwoLayerConfig | CompactConfig
 _BATCH = 64
+_STRANGEST = 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,15 +187,17 @@ def weighed(
     """Log-probabilities as they should be stated, and the out-of-domain scores if the calibration has them.
 
     A picture with score s is with probability 1 − s one that the network knows; if it is not, every region is
-    equally likely: p = (1 − s) · softmax(logits / temperature) + s / K.
+    equally likely: p = (1 − s) · softmax(logits / temperature) + s / K. Here s is 0.99 at most, so that the order of
+    the regions, which is all that is left to go by, is not lost.
     """
     log_p = calibration.log_probabilities(outputs.logits)
     if calibration.usual is None:
         return log_p, None
     strange = calibration.usual.out_of_domain(outputs.embedding, outputs.domain_logit)
     with np.errstate(divide="ignore"):
-        known = np.log1p(-strange)[:, None] + log_p
-        unknown = np.broadcast_to(np.log(strange / log_p.shape[1])[:, None], log_p.shape)
+        share = np.minimum(strange, _STRANGEST)
+        known = np.log1p(-share)[:, None] + log_p
+        unknown = np.broadcast_to(np.log(share / log_p.shape[1])[:, None], log_p.shape)
     return np.logaddexp(known, unknown), strange
 
 

@@ -22,17 +22,15 @@ _LEAST = 64
 def calibrated(checkpoint: Checkpoint, lessons: Lessons, kept: Examples | None) -> Checkpoint:
     """The checkpoint with its calibration.
 
-    A stream gives fresh views for it. A fixed set gives the trajectories that were kept apart; without any the
-    temperature stays 1, and the training's pictures tell what is usual: half of them the shape, half the scale.
+    A stream gives fresh views for it, a fixed set the trajectories that were kept apart. Without any there is no honest
+    calibration: a network knows its training pictures by heart, so their probabilities would say nothing, and every
+    other picture would look strange beside them. The temperature then stays 1 and no picture is judged.
     """
     if isinstance(lessons, StreamLessons):
-        images, region = fresh(lessons.stream, _KEPT_PICTURES)
-        return _fitted_to(checkpoint, images, region, has_unseen=True)
-    if not isinstance(lessons, FixedLessons):
+        return _fitted_to(checkpoint, *fresh(lessons.stream, _KEPT_PICTURES))
+    if not isinstance(lessons, FixedLessons) or kept is None or len(kept) < _LEAST:
         return checkpoint
     seen = lessons.examples
-    if kept is None or len(kept) < _LEAST:
-        return _fitted_to(checkpoint, seen.images, seen.region, has_unseen=False)
     known, unseen = _said(checkpoint, seen.images), _said(checkpoint, kept.images)
     usual = fit_usual(known.embedding, seen.region, unseen.embedding, unseen.domain_logit)
     return replace(checkpoint, calibration=Calibration(fit_temperature(unseen.logits, kept.region), len(kept), usual))
@@ -45,14 +43,13 @@ def fresh(stream: Stream, count: int, size: int = 64) -> tuple[UInt8[np.ndarray,
 
 
 def _fitted_to(
-    checkpoint: Checkpoint, images: UInt8[np.ndarray, "n h w 3"], region: Int[np.ndarray, "n"], *, has_unseen: bool
+    checkpoint: Checkpoint, images: UInt8[np.ndarray, "n h w 3"], region: Int[np.ndarray, "n"]
 ) -> Checkpoint:
-    """Means and covariance from the even pictures, scales from the odd ones, temperature (if unseen) from all."""
+    """Of pictures that were not learned from: means and covariance from the even ones, scales from the odd ones."""
     said = _said(checkpoint, images)
     odd = None if said.domain_logit is None else said.domain_logit[1::2]
     usual = fit_usual(said.embedding[::2], region[::2], said.embedding[1::2], odd)
-    temperature = fit_temperature(said.logits, region) if has_unseen else 1.0
-    return replace(checkpoint, calibration=Calibration(temperature, len(images) if has_unseen else 0, usual))
+    return replace(checkpoint, calibration=Calibration(fit_temperature(said.logits, region), len(images), usual))
 
 
 def _said(checkpoint: Checkpoint, images: UInt8[np.ndarray, "n h w 3"]) -> Outputs:
