@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
@@ -64,6 +65,30 @@ def test_every_dependency_is_pinned_within_its_range(requirement: Requirement) -
     if requirement.name == "naris":
         return
     assert PINS[canonicalize_name(requirement.name)] in requirement.specifier
+
+
+def imported(folder: str) -> set[str]:
+    """The distributions that the code below a folder imports, anywhere in it."""
+    owners = metadata.packages_distributions()
+    names: set[str] = set()
+    for path in (REPOSITORY / folder).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                names.add(node.module.partition(".")[0])
+    foreign = names - set(sys.stdlib_module_names) - {"naris", "tests"}
+    return {canonicalize_name(name) for module in foreign for name in owners.get(module, [module])}
+
+
+def test_what_is_imported_is_declared_and_nothing_else() -> None:
+    def declared(lines: list[str]) -> set[str]:
+        return {canonicalize_name(Requirement(line).name) for line in lines}
+
+    product, extras = declared(PROJECT["dependencies"]), PROJECT["optional-dependencies"]
+    assert imported("src") - declared(extras["vtk"] + extras["peers"]) == product
+    assert imported("tests") <= product | declared(extras["test"])
+    assert imported("docs") <= product | declared(extras["docs"])
 
 
 def test_pins_are_exact_versions_from_nowhere_in_particular() -> None:
