@@ -38,20 +38,7 @@ def nasopharynx(p: NoseParameters, at: Layout, grid: Grid) -> Field:
         y,
     )
     steep = np.sqrt(1 + np.gradient(floor, grid.spacing_mm) ** 2).astype(np.float32)
-    choana = p.septum_thickness_mm / 2 + p.choana_width_mm
-    half = (
-        profile(
-            [
-                (at.y_choana - 1, choana - 0.2),
-                (at.y_choana + 0.4 * depth, choana + 0.8),
-                (at.y_choana + 0.75 * depth, p.nasopharynx_width_mm / 2),
-                (back + 2, p.nasopharynx_width_mm / 2),
-            ],
-            y,
-        )[None, :, None]
-        - (3.0 * bump((z - Z_FLOOR_MM) / p.choana_height_mm, 1.0, 0.25))[None, None, :]
-    )
-    lateral = half - width
+    lateral = _half_width_mm(p, at, grid) - width
     # The adenoid pad: the posterior wall bulges in the midline, high up, in shallow folds.
     folds = 1.0 - 0.22 * np.cos(2 * np.pi * grid.x / 5.5)
     pad = 1.8 * folds * bump(grid.x, 0, 5.5) * bump(z, Z_FLOOR_MM + 0.62 * p.choana_height_mm, 6.5)[None, None, :]
@@ -67,6 +54,23 @@ def nasopharynx(p: NoseParameters, at: Layout, grid: Grid) -> Field:
     lumen = smooth_min(lumen, ((grid.z - floor[None, :, None]) / steep[None, :, None]).astype(np.float32), 5.0)
     lumen = smooth_min(lumen, (grid.z - (Z_FLOOR_MM - PALATE_DROP_MM) + 0 * width).astype(np.float32), 4.0)
     return smooth_min(lumen, front.astype(np.float32), 1.5)
+
+
+def _half_width_mm(p: NoseParameters, at: Layout, grid: Grid) -> Float[np.ndarray, "1 ny nz"]:
+    """From the midline to the lateral wall: the choanae in front, the pharyngeal recesses behind, narrower on top."""
+    choana, recess = p.septum_thickness_mm / 2 + p.choana_width_mm, p.nasopharynx_width_mm / 2
+    depth = p.nasopharynx_depth_mm
+    along = profile(
+        [
+            (at.y_choana - 1, choana - 0.2),
+            (at.y_choana + 0.4 * depth, choana + 0.8),
+            (at.y_choana + 0.75 * depth, recess),
+            (at.y_choana + depth + 2, recess),
+        ],
+        grid.y_mm,
+    )
+    vault = 3.0 * bump((grid.z_mm - Z_FLOOR_MM) / p.choana_height_mm, 1.0, 0.25)
+    return along[None, :, None] - vault[None, None, :]
 
 
 def with_tubes(p: NoseParameters, at: Layout, grid: Grid, lumen: Field) -> Field:
