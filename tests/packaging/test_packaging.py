@@ -19,6 +19,7 @@ from tests.conftest import REPOSITORY
 EXPORTED: tuple[str, ...] = ()
 """What `import naris` gives, besides the version. Whoever adds a name here promises to keep it."""
 
+README = (REPOSITORY / "README.md").read_text()
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
 PINS = {
     canonicalize_name(name): version
@@ -129,3 +130,18 @@ def test_the_files_of_the_project_name_no_machine_and_no_registry() -> None:
         path = REPOSITORY / name
         if path.suffix in {".py", ".toml", ".txt", ".md", ".cfg", ".sh"} or path.name in {"Makefile", "run"}:
             assert not registry.search(path.read_text(errors="replace")), name
+
+
+def test_links_between_the_documents_lead_somewhere() -> None:
+    for page in [REPOSITORY / "README.md", *(REPOSITORY / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text()):
+            if not target.startswith(("http://", "https://")):
+                assert (page.parent / target).exists(), f"{page.name} → {target}"
+
+
+def test_the_commands_of_the_readme_are_verbs() -> None:
+    from naris.cli import VERBS
+
+    used = re.findall(r"naris ([a-z]+)(?= )", "\n".join(re.findall(r"```.*?```|`[^`]+`", README, re.DOTALL)))
+    assert len(used) >= 6
+    assert set(used) <= set(VERBS)
