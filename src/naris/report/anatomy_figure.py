@@ -125,7 +125,7 @@ def _borders(
         y = float(corner[1])
         parts.append(element("line", x1=x, x2=x, y1=y - 4, y2=y + float(height), class_="border"))
         if aspect is FROM_LEFT:
-            parts.append(label(x, y - 10, f"{'xyz'[regions.axis]} = {border_mm:g} mm".replace("-", "−")))
+            parts.append(label(x, y - 10, f"{'xyz'[regions.axis]} = {border_mm:g}".replace("-", "−")))
     return parts
 
 

@@ -95,7 +95,7 @@ def loss_chart(network: NetworkResult) -> Markup:
     steep = high / low > 20
     y = Scale.logarithmic(low / 1.2, high * 1.2, "loss") if steep else Scale.linear(0, high, "loss")
     longest = max(len(run.loss) for run in network.training)
-    x = Scale.linear(0, max(longest, 2), network.step)
+    x = Scale.linear(0, max(longest, 2), network.step, count=min(5, max(longest, 2)))
     axes = Axes(310, 230, x, y)
     marks = []
     for i, run in enumerate(network.training):

@@ -33,8 +33,8 @@ def anatomy(data: ReportData) -> Markup:
         f"{view.anatomy.frame}, SHA-256 {view.anatomy.digest[:12]}…. Source: {view.anatomy.source}."
     )
     caption = (
-        f"The walls of the hollow in the colours of the region set “{view.region_set}”; x points to the left of the "
-        "patient, y backwards, z upwards."
+        f"The walls of the hollow in the colours of the region set “{view.region_set}”. In mm, x points to the left of "
+        "the patient, y backwards, z upwards."
     )
     return join(figure(anatomy_figure(view), caption, "wide"), element("p", facts, class_="small"))
 

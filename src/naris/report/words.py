@@ -96,7 +96,8 @@ def _best_in_short(data: ReportData) -> str | None:
     network, test = max(hardest, key=lambda pair: pair[1].mean)
     return (
         f"{capital(data.split(test.split).called)}, {network.called} names the right one of "
-        f"{counted(len(data.anatomy.regions.names))} regions in {share(test.mean)} of the pictures."
+        f"{counted(len(data.anatomy.regions.names))} regions in {share(test.mean)} of the pictures (always naming the "
+        f"commonest would score {share(test.chance)})."
     )
 
 
@@ -158,7 +159,8 @@ def trust(data: ReportData) -> list[str]:
         )
     once = [n.called for n in data.networks if n.tests and all(len(test.runs) == 1 for test in n.tests)]
     if once:
-        said.append(f"{capital(listed(once))} was trained only once: how much luck was in it is unknown.")
+        was = "was" if len(once) == 1 else "were each"
+        said.append(f"{capital(listed(once))} {was} trained only once: how much luck was in it is unknown.")
     said.append("For research only: this is no medical device and must not guide a procedure.")
     return said
 
@@ -171,9 +173,9 @@ def leak(data: ReportData) -> list[str]:
         leaky, clean = _by_kind(data, network)
         if not leaky or not clean:
             continue
-        split, best = data.split(leaky[0].split), max(clean, key=lambda test: test.mean)
-        drop = leaky[0].mean - best.mean
-        had, left = f"{share(leaky[0].mean)} {split.called}", f"{share(best.mean)} {data.split(best.split).called}"
+        split, own = data.split(leaky[0].split), clean[0]
+        drop = leaky[0].mean - own.mean
+        had, left = f"{share(leaky[0].mean)} {split.called}", f"{share(own.mean)} {data.split(own.split).called}"
         near = "" if near_told else _near(split)
         near_told = True
         if drop > LARGE_DROP:
