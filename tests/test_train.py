@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -124,6 +126,21 @@ def test_an_interrupted_training_ends_with_the_same_weights(tmp_path: Path, conf
     assert np.array_equal(whole.losses, parts.losses)
     assert (whole.pictures, whole.steps) == (parts.pictures, parts.steps)
     assert not (tmp_path / "parts" / STATE).exists()
+
+
+def test_a_killed_training_goes_on_with_the_same_weights(tmp_path: Path) -> None:
+    config = TWO_LAYER.lasting(epochs=10)
+    whole = train(_examples(), config, tmp_path / "whole")
+    often = config.with_(state_every_s=0.0)
+    child = multiprocessing.get_context("spawn").Process(target=train, args=(_examples(), often, tmp_path / "parts"))
+    child.start()
+    deadline = time.monotonic() + 120
+    while not (tmp_path / "parts" / STATE).is_file() and time.monotonic() < deadline:
+        time.sleep(0.005)
+    child.kill()
+    child.join()
+    assert not (tmp_path / "parts" / "run.json").exists()
+    assert _same_weights(whole.checkpoint, train(_examples(), config, tmp_path / "parts").checkpoint)
 
 
 def test_a_stream_goes_on_with_the_same_weights(tmp_path: Path) -> None:
