@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from naris.core.pose import stack
 from naris.core.progress import Progress
 from naris.core.provenance import Stopwatch, commit, machine, plain, versions
 from naris.experiment.contenders import Contender
@@ -136,12 +137,15 @@ def locate_some(contender: Contender, sets: Sets, count: int, seed: int, progres
     pictures = sets.tests[TRAJECTORY_TEXTURE]
     rng = np.random.default_rng([seed, len(pictures)])
     by_region = [np.flatnonzero(pictures.labels == k) for k in range(len(pictures.regions.names))]
-    chosen = [int(rng.choice(by_region[i % len(by_region)])) for i in range(count)]
+    mixed = [rng.permutation(of_region) for of_region in by_region]
+    chosen = [int(mixed[i % len(mixed)][i // len(mixed)]) for i in range(count)]
     images = pictures.images(chosen)
     with progress.task("locate", count) as advance:
         predictions = open_localizer(contender.checkpoints[0]).predict(images)
         advance(count)
-    errors = pose_errors(predictions, pictures.anatomy_T_camera[np.array(chosen)])
+    best = [prediction.hypotheses for prediction in predictions if prediction.hypotheses is not None]
+    truth = pictures.anatomy_T_camera[np.array(chosen)]
+    errors = pose_errors(stack(best), truth) if len(best) == count else None
     return [
         LocatedFrame(
             name=pictures.image_files[i].name,
