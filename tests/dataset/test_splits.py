@@ -133,7 +133,7 @@ def test_a_region_without_room_and_too_many_test_views_are_refused() -> None:
     far = SlabRegions("far", ("lumen", "beyond"), "LPS", 1, (90.0,))
     with pytest.raises(RegionError, match="beyond"):
         make_splits(winding_tube(), far, np.random.default_rng(0), SIZES)
-    narrow = SplitSizes(train_positions=700, test_positions=400, per_position=1)
+    narrow = SplitSizes(train_positions=140, test_positions=20, per_position=1)
     with pytest.raises(RegionError, match=r"allowed in this split|between two others"):
         make_splits(winding_tube(), SLABS, np.random.default_rng(0), narrow, Steering(aim_sd_deg=1.0, side_mm=0.5))
 

@@ -33,6 +33,7 @@ from naris.render.trajectories import (
     OriginalJitter,
     Steering,
     jitter_views,
+    measured,
     roomy_parts,
     trajectory_along,
 )
@@ -178,11 +179,12 @@ class _Pilot:
         passages = list(passages_of(anatomy, distance))
         missing = np.flatnonzero(~_any(_touched(passages, regions), 0))
         passages += [_passage_to(region, anatomy, distance, regions, passages) for region in missing.tolist()]
+        by_grid = [measured(passage, distance) for passage in passages]
         courses: list[tuple[Passage, Steering]] = []
         for ease in _EASE:
             eased = replace(steering, clearance_mm=ease * steering.clearance_mm)
             covered = _any(_touched([passage for passage, _ in courses], regions), 0)
-            parts = [part for passage in passages for part in roomy_parts(passage, eased.clearance_mm)]
+            parts = [part for passage in by_grid for part in roomy_parts(passage, eased.clearance_mm)]
             new = _any(_touched(parts, regions) & ~covered, 1)
             courses += [(part, eased) for part, is_new in zip(parts, new, strict=True) if is_new]
         reaches = _touched([passage for passage, _ in courses], regions)

@@ -6,7 +6,7 @@ between keyframes the camera goes straight in steps of 1 mm, and ten views are t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -25,8 +25,10 @@ _TRIES = 40
 _MARCH_MM = 0.25
 _SIDE_TURN_SD_RAD = 0.7
 _AIM_MEMORY = 0.6
+_PULL = 0.5
 _LAST_MM = 0.5
 _GRAZE_MM = 0.1
+_RIDGE_MM = 0.3
 
 
 @runtime_checkable
@@ -118,18 +120,18 @@ class Steering:
         spacing_mm: keyframes are this far apart along the passage (uniform between the two).
         clearance_mm: the camera keeps this far from the wall, at keyframes and between them.
         side_mm: how far to the side of the passage keyframes may stand, where there is room.
-        ahead_mm: the camera looks at the passage this far ahead.
-        aim_sd_deg: how far from there its aim wanders, correlated from keyframe to keyframe.
+        ahead_mm: the camera looks along the passage, so that this far ahead it is half as far beside it.
+        aim_sd_deg: how far from there its aim wanders about each of two axes, correlated from keyframe to keyframe.
         median_depth_mm: a view with less (as `sees_ahead` judges) is no use to a person who steers.
         fixed_up: keep +z up, as the viewer of the published code does; else hold the camera as `upright` says, which
             suits passages that rise steeply.
     """
 
-    spacing_mm: tuple[float, float] = (4.0, 9.0)
+    spacing_mm: tuple[float, float] = (3.0, 8.0)
     clearance_mm: float = 1.0
     side_mm: float = 4.0
     ahead_mm: float = 10.0
-    aim_sd_deg: float = 8.0
+    aim_sd_deg: float = 6.0
     median_depth_mm: float = 3.0
     fixed_up: bool = False
 
@@ -146,6 +148,11 @@ def roomy_parts(passage: Passage, clearance_mm: float, least_length_mm: float = 
     return tuple(sorted((p for p in parts if p.length_mm >= least_length_mm), key=lambda p: -p.length_mm))
 
 
+def measured(passage: Passage, distance: SignedDistance) -> Passage:
+    """The passage with the clearance that the distance grid has, up to 0.3 mm less than the true one in slits."""
+    return replace(passage, clearance_mm=distance(passage.points_mm))
+
+
 def trajectory_along(
     passage: Passage, distance: SignedDistance, rng: np.random.Generator, steering: Steering = Steering()
 ) -> Keyframes:
@@ -157,25 +164,26 @@ def trajectory_along(
     Raises:
         RegionError: if the passage has no stretch of 5 mm with that clearance.
     """
-    parts = roomy_parts(passage, steering.clearance_mm)
-    if not parts:
+    by_grid = measured(passage, distance)
+    for slack_mm in (0.0, _RIDGE_MM):
+        kept = replace(steering, clearance_mm=steering.clearance_mm - slack_mm)
+        parts = roomy_parts(by_grid, kept.clearance_mm)
+        if parts:
+            break
+    else:
         raise RegionError(
             f"a passage with {steering.clearance_mm} mm of room over 5 mm or more",
             f"{passage.name!r} without",
             "lower the clearance or take another passage",
         )
-    course = _Course.along(parts[0], distance, steering)
+    course = _Course.along(parts[0], distance, kept)
     for _ in range(_TRIES):
         positions, stations = _steer(course, rng)
         if len(positions) > 1:
             break
     else:
-        raise RegionError(
-            f"a way along {passage.name!r} with {steering.clearance_mm} mm of room",
-            "none that was free",
-            "lower the clearance or take another passage",
-        )
-    directions = _aims(parts[0], positions, stations, rng, steering)
+        raise RegionError(f"a way along {passage.name!r}", "none that was free", "take another passage")
+    directions = _aims(course, positions, stations, rng)
     up = np.array(UP) if steering.fixed_up else upright(directions)
     return Keyframes.of(Pose.look(positions, directions, up, distance.frame))
 
@@ -238,25 +246,19 @@ def _steer(course: _Course, rng: np.random.Generator) -> tuple[Float[np.ndarray,
 
 
 def _aims(
-    passage: Passage,
-    positions: Float[np.ndarray, "k 3"],
-    stations: Float[np.ndarray, "k"],
-    rng: np.random.Generator,
-    steering: Steering,
+    course: _Course, positions: Float[np.ndarray, "k 3"], stations: Float[np.ndarray, "k"], rng: np.random.Generator
 ) -> Float[np.ndarray, "k 3"]:
-    """Viewing directions: at the passage some way ahead, give or take a wander that is kept from one to the next."""
-    reach, ways = _reach_mm(passage), tangents(passage)
-    index = np.minimum(np.searchsorted(reach, stations + steering.ahead_mm), len(reach) - 1)
-    # Past its end the passage goes on straight, so that the last keyframes do not look at a point beside them.
-    beyond = np.maximum(stations + steering.ahead_mm - reach[-1], 0)[:, None]
-    aim = passage.points_mm[index] + beyond * ways[index] - positions
+    """Viewing directions: along the passage and somewhat back to its middle, and a wander that goes on for a while."""
+    index = np.minimum(np.searchsorted(course.reach_mm, stations), len(course.ways) - 1)
+    back = course.points_mm[index] - positions
+    aim = course.steering.ahead_mm * course.ways[index] + _PULL * back
     aim /= np.linalg.norm(aim, axis=1, keepdims=True)
     wander, wanders = rng.standard_normal(2), []
     for _ in positions:
         wanders.append(wander)
         wander = _AIM_MEMORY * wander + np.sqrt(1 - _AIM_MEMORY**2) * rng.standard_normal(2)
     across = np.cross(aim, upright(aim))
-    off = np.tan(np.deg2rad(steering.aim_sd_deg)) * np.array(wanders)
+    off = np.tan(np.deg2rad(course.steering.aim_sd_deg)) * np.array(wanders)
     aim = aim + off[:, :1] * across + off[:, 1:] * np.cross(across, aim)
     return aim / np.linalg.norm(aim, axis=1, keepdims=True)
 

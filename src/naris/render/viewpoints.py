@@ -35,7 +35,7 @@ _ANY_LOOK = Appearance()
 _TRIES = (2, 2, 4, 8, 16, 32, 64, 128, 256)
 _FEWEST_PLACES = 40
 _MOST_PLACES, _MOST_PLACES_IN_ALL = 20_000, 100_000
-_TANGENT_SD_MM = 4.0
+_TANGENT_SD_MM = 8.0
 _SIGHT_SAMPLES = 12
 
 _log = logging.getLogger(__name__)
@@ -286,7 +286,7 @@ def passages_of(anatomy: Anatomy, distance: SignedDistance) -> tuple[Passage, ..
 
 
 def tangents(passage: Passage) -> Float[np.ndarray, "n 3"]:
-    """The unit direction of a passage at each of its points, smoothed over about 4 mm.
+    """The unit direction of a passage at each of its points, smoothed over about 8 mm.
 
     Within a slit a minimal path wanders up and down; nobody points a scope along that.
     """
