@@ -219,7 +219,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(whole, scene, tmp_path) -> None:
     process = start(folder)
     wait_for_pictures(process, folder, 30)
     process.send_signal(signal.SIGKILL)
-    process.wait()
+    process.communicate()
     done = pictures(folder)
     assert len(done) < _COUNT
     with pytest.raises(DatasetError, match="finished"):

@@ -129,13 +129,17 @@ def test_a_region_off_every_passage_is_reached_by_a_passage_of_its_own() -> None
     assert (np.bincount(splits.trajectory.region, minlength=4) > 0).all()
 
 
-def test_a_region_without_room_and_too_many_test_views_are_refused() -> None:
+def test_a_region_without_room_is_refused() -> None:
     far = SlabRegions("far", ("lumen", "beyond"), "LPS", 1, (90.0,))
     with pytest.raises(RegionError, match="beyond"):
         make_splits(winding_tube(), far, np.random.default_rng(0), SIZES)
-    narrow = SplitSizes(train_positions=140, test_positions=20, per_position=1)
-    with pytest.raises(RegionError, match=r"allowed in this split|between two others"):
-        make_splits(winding_tube(), SLABS, np.random.default_rng(0), narrow, Steering(aim_sd_deg=1.0, side_mm=0.5))
+
+
+@pytest.mark.slow
+def test_a_lumen_that_training_has_seen_all_of_is_refused() -> None:
+    crowded, always_the_same = SplitSizes(320, 20, 1), Steering(aim_sd_deg=0.1, side_mm=0.01)
+    with pytest.raises(RegionError, match="allowed in this split"):
+        make_splits(winding_tube(), SLABS, np.random.default_rng(0), crowded, always_the_same)
 
 
 @pytest.mark.slow
