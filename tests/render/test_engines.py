@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import time
 
 import numpy as np
 import pytest
@@ -189,6 +190,29 @@ def test_a_forked_process_renders_too(both) -> None:
     child.start()
     child.join(30)
     assert child.exitcode == 0 and queue.get() == expected
+
+
+def _build_in_child(queue) -> None:
+    queue.put(render(Scene(pod()), views(2), picture(), ENDOSCOPE).rgb.sum(dtype=np.int64))
+
+
+def test_a_forked_process_builds_scenes_too(both) -> None:
+    expected = render(both[0], views(2), picture(), ENDOSCOPE).rgb.sum(dtype=np.int64)
+    context = multiprocessing.get_context("fork")
+    queue = context.SimpleQueue()
+    child = context.Process(target=_build_in_child, args=(queue,), daemon=True)
+    child.start()
+    child.join(60)
+    assert child.exitcode == 0 and queue.get() == expected
+
+
+def test_engines_rest_when_there_is_nothing_to_render(both) -> None:
+    for scene in both:
+        render(scene, views(4), picture(), threads=2)
+    time.sleep(0.3)
+    before = time.process_time()
+    time.sleep(0.5)
+    assert time.process_time() - before < 0.1
 
 
 def test_falls_back_to_numpy_and_says_so(monkeypatch, caplog) -> None:

@@ -32,8 +32,8 @@ PAD = 16
 _METER_BASE = (127 + METER_FIRST_OCTAVE) * METER_BINS_PER_OCTAVE
 _METER_SHIFT = 23 - (METER_BINS_PER_OCTAVE.bit_length() - 1)
 _METERED_LANES = (0, 2, 8, 10)
-_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, forceinline=True)
-_apart_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
+_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False, forceinline=True)
+_apart_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False)
 
 
 @_njit

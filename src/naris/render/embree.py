@@ -93,8 +93,9 @@ def library() -> Library:
             function.restype, function.argtypes = result, arguments
     except AttributeError as error:
         raise EngineUnavailable("a complete Embree library", f"{error}", "reinstall embreex") from error
-    # One thread: surfaces are small, and traversal runs on the caller's threads.
-    device = functions.rtcNewDevice(b"threads=1")
+    # No "threads=1" here: another device of the process (that of embreex) allows more, and the two limits together keep
+    # a worker of the shared thread pool spinning for ever.
+    device = functions.rtcNewDevice(b"")
     if not device:
         raise EngineUnavailable("an Embree device", f"error {functions.rtcGetDeviceError(None)}", "use engine numpy")
     version = functions.rtcGetDeviceProperty(device, _VERSION)

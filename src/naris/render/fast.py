@@ -176,7 +176,8 @@ def _scratch(camera: Camera, vertices: int) -> Scratch:
     kept: Scratch | None = getattr(_local, "scratch", None)
     if kept is None or kept.light.shape[1] != plane or kept.lit.shape[2] != vertices:
         rays, narrow = _aligned(PACKET_FIELDS * LANES, np.float32), _aligned(PACKET_FIELDS * LANES, np.float32)
-        packet = Packet(rays, rays.view(np.int32), narrow, narrow.view(np.int32), _aligned(LANES, np.int32))
+        again, part = _aligned(LANES, np.int32), _aligned(LANES, np.int32)
+        packet = Packet(rays, rays.view(np.int32), narrow, narrow.view(np.int32), again, part)
         kept = _local.scratch = Scratch(
             packet,
             np.zeros(6 * LANES, np.float32),

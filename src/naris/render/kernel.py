@@ -122,8 +122,8 @@ class Scratch(NamedTuple):
     lit: np.ndarray
 
 
-_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, forceinline=True)
-_cached_njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
+_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False, forceinline=True)
+_cached_njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False)
 
 
 @_cached_njit

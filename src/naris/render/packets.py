@@ -21,8 +21,8 @@ _MOST_LAYERS = 64
 _BEYOND = np.float32(1e-5)
 """How far behind a culled wall the ray goes on: this share of the way, and so many mm."""
 
-_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, forceinline=True)
-_apart_njit = njit(nogil=True, error_model="numpy", boundscheck=False)
+_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False, forceinline=True)
+_apart_njit = njit(nogil=True, error_model="numpy", boundscheck=False, _nrt=False)
 
 
 class Embree(NamedTuple):
@@ -42,7 +42,8 @@ class Packet(NamedTuple):
         words: the same memory as int32.
         narrow: (PACKET_FIELDS · 8,) float32 for a function that takes fewer rays.
         narrow_words: the same memory as int32.
-        again: (16,) int32, −1 for rays that go on.
+        again: (16,) int32, −1 for rays that go on behind a culled wall; aligned.
+        part: (16,) int32, the valid mask of a part; aligned.
     """
 
     rays: np.ndarray
@@ -50,6 +51,7 @@ class Packet(NamedTuple):
     narrow: np.ndarray
     narrow_words: np.ndarray
     again: np.ndarray
+    part: np.ndarray
 
 
 @intrinsic
@@ -115,7 +117,7 @@ def found(packet, valid, at, ray):
 @_apart_njit
 def _in_parts(embree, packet, valid, at):
     """One packet of sixteen as several of fewer rays."""
-    width, mask = embree.width, packet.again
+    width, mask = embree.width, packet.part
     for start in range(0, LANES, width):
         for field in range(PACKET_FIELDS):
             for k in range(width):
@@ -131,29 +133,26 @@ def _in_parts(embree, packet, valid, at):
 @_apart_njit
 def look_through(embree, packet, valid, at, face_normals):
     """Sends rays on that met a wall from its inside, until each met one from outside, or none."""
-    again = np.empty(2 * LANES, np.int32)
-    # Embree wants the mask aligned like the packet, so the marks lie at the first boundary in a longer array.
-    first = (-again.ctypes.data % 64) // 4
+    again = packet.again
     for layer in range(_MOST_LAYERS):
         pending = 0
         for k in range(LANES):
-            again[first + k] = 0
+            again[k] = 0
             if valid[at + k] != 0 and packet.words[GEOM + k] >= 0:
                 face, cosine = packet.words[PRIM + k], np.float32(0)
                 for axis in range(3):
                     cosine += face_normals[face, axis] * packet.rays[DIR_X + LANES * axis + k]
                 if cosine > 0:
                     pending += 1
-                    again[first + k] = -1
+                    again[k] = -1
                     packet.rays[NEAR + k] = packet.rays[FAR + k] * (np.float32(1) + _BEYOND) + _BEYOND
                     packet.rays[FAR + k] = np.float32(np.inf)
                     packet.words[GEOM + k] = -1
         if pending == 0 or layer == _MOST_LAYERS - 1:
             break
         if embree.width == LANES:
-            mask = again.ctypes.data + 4 * first
-            _call(embree.function, mask, embree.scene, packet.rays.ctypes.data, embree.arguments)
+            _call(embree.function, again.ctypes.data, embree.scene, packet.rays.ctypes.data, embree.arguments)
         else:
-            _in_parts(embree, packet, again, first)
+            _in_parts(embree, packet, again, 0)
     for k in range(LANES):
         packet.rays[NEAR + k] = np.float32(0)

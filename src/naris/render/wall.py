@@ -12,7 +12,7 @@ from naris.render.look import RAMP_BLOOD, RAMP_SIZE, SPOT_SIZE
 from naris.render.noise import EDGE, STEPS
 from naris.render.shading import SHALLOWEST_COSINE
 
-_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, forceinline=True)
+_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False, forceinline=True)
 _EDGE_BITS = EDGE.bit_length() - 1
 _VOLUME = EDGE**3
 
