@@ -207,7 +207,7 @@ def test_a_forked_process_builds_scenes_too(both) -> None:
 
 
 def test_engines_rest_when_there_is_nothing_to_render(both) -> None:
-    for scene in both:
+    for scene in (*both, Scene(pod(), engine="fast")):
         render(scene, views(4), picture(), threads=2)
     time.sleep(0.3)
     before = time.process_time()

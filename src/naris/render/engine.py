@@ -18,6 +18,7 @@ from naris.render.scene import Engine, Shot
 
 ENGINES = ("auto", "fast", "numpy")
 _PATIENCE_S = 5.0
+_NOTE = "making the renderer ready; the first time it is compiled, which takes half a minute"
 _TEST_PIXELS = 32
 _TEST_DEPTH_MM = 1e-3
 _log = logging.getLogger(__name__)
@@ -51,7 +52,7 @@ def why_not_fast() -> str | None:
 
     The first test of an installation compiles the kernel, which is kept on disk.
     """
-    note = threading.Timer(_PATIENCE_S, _log.warning, ["making the renderer ready; the first time it is compiled, which takes half a minute"])
+    note = threading.Timer(_PATIENCE_S, _log.warning, [_NOTE])
     note.daemon = True
     note.start()
     try:
