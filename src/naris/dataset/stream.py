@@ -1,8 +1,9 @@
 """Views drawn and rendered anew for every batch: a data set without end, and without files.
 
 Batch `index` depends on the stream's seed and on `index` alone, so a training that goes on after an interruption sees
-the batches that it would have seen. Pictures are never mirrored: left and right nostrils mirror each other, and a
-flipped picture would show the other side under the wrong name.
+the batches that it would have seen. Colour, light, gain and noise come from the appearance distribution. Pictures are
+never mirrored: left and right nostrils mirror each other, and a flipped picture would show the other side under the
+wrong name.
 """
 
 from __future__ import annotations
