@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8
+from jaxtyping import Float32, Int, Int32, UInt8
 
 from naris.core.anatomy import Anatomy
 from naris.errors import EngineUnavailable
@@ -13,7 +13,7 @@ from naris.render.geometry import geometry_of
 from naris.render.look import LIT_VERTICES, VERTEX_COLOURS, Looks, pack
 from naris.render.rays import RayTable, ray_table
 from naris.render.scene import Rendering, Shot
-from naris.render.shading import Hits, develop, light_vertices, optics_weight, radiance
+from naris.render.shading import Hits, develop, dot, light_vertices, optics_weight, radiance, turned, unit
 
 _MOST_LAYERS = 64
 _STEP = 1e-5
@@ -53,15 +53,15 @@ class NumpyEngine:
 
     def _frame(self, shot: Shot, i: int, looks: Looks, rays: RayTable) -> dict[str, np.ndarray]:
         rotation, position = shot.rotation[i], shot.position_mm[i]
-        world = rays.directions @ rotation.T
+        world = turned(rays.directions, rotation)
         face, distance, uv = self._trace(position, world, bool(looks.rows[i]["cull"]))
         seen = rays.exists & (face >= 0)
         face = np.where(seen, face, -1).astype(np.int32)
         flat = self.geometry.face_normals[face] * seen[:, None]
-        away = np.where((flat * world).sum(-1, keepdims=True) > 0, np.float32(-1), np.float32(1))
+        away = np.where(dot(flat, world)[:, None] > 0, np.float32(-1), np.float32(1))
         out: dict[str, np.ndarray] = {"valid": seen, "face_id": face}
         out["depth"] = np.where(seen, distance * rays.directions[:, 2], 0)
-        out["normal"] = (flat * away) @ rotation
+        out["normal"] = turned(flat * away, rotation.T)
         if "rgb" in shot.want:
             at = np.flatnonzero(seen)
             hits = self._hits(looks, i, shot, (at, face[at], distance[at], uv[at], away[at], world[at]))
@@ -80,8 +80,9 @@ class NumpyEngine:
             hit = self._scene.run(origins, directions[active], output=True)
             found = np.where(hit["geomID"] >= 0, hit["primID"], -1)
             total = start[active] + hit["tfar"]
-            inside = (self.geometry.face_normals[found] * directions[active]).sum(-1) > 0
-            culled = (found >= 0) & inside & cull
+            culled = np.zeros(len(found), np.bool_)
+            if cull:
+                culled = (found >= 0) & (dot(self.geometry.face_normals[found], directions[active]) > 0)
             keep = (found >= 0) & ~culled
             at = active[keep]
             face[at], distance[at] = found[keep], total[keep]
@@ -95,17 +96,16 @@ class NumpyEngine:
     def _hits(self, looks: Looks, i: int, shot: Shot, found: tuple[np.ndarray, ...]) -> Hits:
         _, face, distance, uv, away, world = found
         corners = self.geometry.faces[face]
-        weights = np.stack([1 - uv[:, 0] - uv[:, 1], uv[:, 0], uv[:, 1]], axis=-1)[..., None].astype(np.float32)
-        normal = (self.geometry.vertex_normals[corners] * weights).sum(axis=1)
-        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), np.float32(1e-12))
+        weights = np.stack([1 - uv[:, 0] - uv[:, 1], uv[:, 0], uv[:, 1]], axis=-1)
+        normal = unit(_between(self.geometry.vertex_normals, corners, weights))
         row = looks.rows[i]
         base = np.zeros_like(world)
         if row["kind"] == VERTEX_COLOURS:
-            base = (looks.colours[row["colours"]][corners] * weights).sum(axis=1)
+            base = _between(looks.colours[row["colours"]], corners, weights)
         if row["kind"] == LIT_VERTICES:
             lit = self._lit(looks, i, shot)
-            side = (away[:, 0] < 0).astype(np.intp)
-            base = (lit[side[:, None], corners] * weights).sum(axis=1)
+            inside = (away[:, 0] < 0).astype(np.intp)[:, None] * lit.shape[1]
+            base = _between(lit.reshape(-1, 3), corners + inside, weights)
         point = shot.position_mm[i] + distance[:, None] * world
         pixel = distance * np.float32(ray_table(shot.intrinsics).pixel_rad)
         return Hits(point, -world, distance, (normal * away).astype(np.float32), base.astype(np.float32), pixel)
@@ -120,6 +120,14 @@ class NumpyEngine:
         light[at] = radiance(hits, looks, i, *_light_place(shot, i, looks))
         weight = optics_weight(looks, i, *size)
         return develop(light.reshape(*size, 3) * weight[..., None], weight, looks, i, int(shot.seeds[i]))
+
+
+def _between(
+    values: Float32[np.ndarray, "v 3"], corners: Int[np.ndarray, "m 3"], weights: Float32[np.ndarray, "m 3"]
+) -> Float32[np.ndarray, "m 3"]:
+    """Values of the vertices between the three corners of each face."""
+    a, b, c = (weights[:, k, None] * values[corners[:, k]] for k in range(3))
+    return a + b + c
 
 
 def _light_place(shot: Shot, i: int, looks: Looks) -> tuple[Float32[np.ndarray, "3"], Float32[np.ndarray, "3"]]:

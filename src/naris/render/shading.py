@@ -71,19 +71,19 @@ def radiance(
         albedo = np.broadcast_to(_rgb(row, "albedo"), hits.base.shape)
     if row["kind"] == MUCOSA:
         albedo, slope = mucosa_albedo(hits, looks, i)
-        normal = _unit(normal - row["relief"] * (slope - (slope * normal).sum(-1, keepdims=True) * normal))
+        normal = unit(normal - row["relief"] * (slope - dot(slope, normal)[:, None] * normal))
     to_light = light_mm - hits.point_mm
-    r = np.linalg.norm(to_light, axis=-1)
+    r = length(to_light)
     to_light = to_light / r[:, None]
-    cosine = np.clip((normal * to_light).sum(-1), SHALLOWEST_COSINE, 1)[:, None]
-    fall = spot_light(looks, i, -(to_light @ axis)) / (row["constant"] + r * (row["linear"] + r * row["quadratic"]))
+    cosine = np.clip(dot(normal, to_light), SHALLOWEST_COSINE, 1)[:, None]
+    fall = spot_light(looks, i, -dot(to_light, axis)) / (row["constant"] + r * (row["linear"] + r * row["quadratic"]))
     wrap = _rgb(row, "wrap")
     wrapped = (cosine + wrap) / (1 + wrap)
     light = _rgb(row, "spot_ambient") + _rgb(row, "light") * (wrapped + row["bounce"] * albedo)
     out = albedo * (_rgb(row, "ambient") + fall[:, None] * light)
     if row["kind"] == MUCOSA:
-        half = _unit(to_light + hits.view)
-        facing = np.clip((normal * half).sum(-1), 0, 1) ** 2
+        half = unit(to_light + hits.view)
+        facing = np.clip(dot(normal, half), 0, 1) ** 2
         shine = row["gloss"] * _lobe(facing, row["film"]) + row["sheen"] * _lobe(facing, row["tissue"])
         out = out + (fall * shine)[:, None] * _rgb(row, "light")
     return out.astype(np.float32)
@@ -111,7 +111,7 @@ def mucosa_albedo(hits: Hits, looks: Looks, i: int) -> tuple[Float32[np.ndarray,
     """Albedo of a mucosa and the slope of its relief (of unit rms, before `relief`), faded where pixels are coarse."""
     row = looks.rows[i]
     turn = np.array([[row[f"m{j}{k}"] for k in range(3)] for j in range(3)], np.float32)
-    inside = hits.point_mm @ turn.T
+    inside = turned(hits.point_mm, turn)
     tissue, relief = looks.bank[row["bank"], 0], looks.bank[row["bank"], 1]
     coarse = hits.pixel_mm * row["relief_per_mm"]
     fade = 1 / (1 + (coarse / 4) ** 2)
@@ -127,7 +127,7 @@ def mucosa_albedo(hits: Hits, looks: Looks, i: int) -> tuple[Float32[np.ndarray,
     blood += row["fine_vessels"] * _line(fine[:, 0], narrow, coarse)
     albedo = _table(looks.ramp[i], np.maximum(blood, 0) * np.float32((RAMP_SIZE - 1) / RAMP_BLOOD))
     cover = row["mucus"] * np.clip(0.5 - 0.5 * blotch + 0.5 * change, 0, 1)[:, None]
-    return albedo + cover * (_rgb(row, "mucus") - albedo), fine[:, 1:] @ turn
+    return albedo + cover * (_rgb(row, "mucus") - albedo), turned(fine[:, 1:], turn.T)
 
 
 def _line(
@@ -244,11 +244,11 @@ def light_vertices(
     row = looks.rows[i]
     albedo = _rgb(row, "albedo") if row["colours"] < 0 else looks.colours[row["colours"]]
     to_light = light_mm - vertices_mm
-    r = np.maximum(np.linalg.norm(to_light, axis=-1), np.float32(1e-9))
+    r = np.maximum(length(to_light), np.float32(1e-9))
     to_light = to_light / r[:, None]
-    spot = spot_light(looks, i, -(to_light @ axis))
+    spot = spot_light(looks, i, -dot(to_light, axis))
     fall = spot / (row["constant"] + r * (row["linear"] + r * row["quadratic"]))
-    cosine = (normals * to_light).sum(-1)
+    cosine = dot(normals, to_light)
     sides = np.stack([np.maximum(cosine, 0), np.maximum(-cosine, 0)])[..., None]
     light = _rgb(row, "spot_ambient") + _rgb(row, "light") * sides
     return np.clip(albedo * (_rgb(row, "ambient") + fall[:, None] * light), 0, 1).astype(np.float32)
@@ -262,5 +262,21 @@ def _xyz(row: np.void, name: str) -> Float32[np.ndarray, "3"]:
     return np.array([row[f"{name}_x"], row[f"{name}_y"], row[f"{name}_z"]], np.float32)
 
 
-def _unit(v: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), np.float32(1e-12))
+def dot(a: Float[np.ndarray, "m 3"], b: Float[np.ndarray, "*m 3"]) -> Float[np.ndarray, "m"]:
+    """Scalar products of rows (written out: the threads of a matrix product would cost more than they save)."""
+    return a[:, 0] * b[..., 0] + a[:, 1] * b[..., 1] + a[:, 2] * b[..., 2]
+
+
+def length(v: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m"]:
+    """Lengths of rows."""
+    return np.sqrt(dot(v, v))
+
+
+def turned(v: Float[np.ndarray, "m 3"], matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "m 3"]:
+    """The matrix times each row."""
+    return np.stack([dot(v, row) for row in matrix], axis=-1)
+
+
+def unit(v: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
+    """Rows of length one."""
+    return v / np.maximum(length(v), np.float32(1e-12))[:, None]
