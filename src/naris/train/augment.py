@@ -18,6 +18,7 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 _COARSE, _FINE = 5, 23  # nodes of the smooth fields that imitate light and mucosa
+_TONES = 1024  # levels of the tone curve's table
 
 
 @dataclass(frozen=True)
@@ -115,9 +116,9 @@ def augment(
     out = np.empty((len(images), size_px, size_px, 3), np.uint8)
 
     def work(i: int) -> None:
-        look = (draws.colour[i], draws.gamma[i], draws.coarse[i], draws.fine[i])
+        look = (draws.colour[i], draws.gamma[i], draws.coarse[i], draws.fine[i], augmentation.mottle > 0)
         sharp = _changed(np.ascontiguousarray(images[i]), maps[i], look, size_px)
-        _finish(sharp, draws.noise[i], draws.blur[i], draws.seed[i], out[i])
+        _finish(sharp, draws.noise[i], draws.blur[i], draws.seed[i], out[i].reshape(size_px, -1))
 
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(work, range(len(images))))
@@ -156,76 +157,102 @@ def _map(
     return old @ turn @ back
 
 
-@njit(nogil=True, cache=True)
-def _field(nodes, u, v):
-    """Bilinear between nodes; u and v from 0 to 1."""
-    n = nodes.shape[0] - 1
-    x, y = u * n, v * n
-    i, j = min(int(x), n - 1), min(int(y), n - 1)
-    x, y = x - i, y - j
-    upper = nodes[j, i] * (1 - x) + nodes[j, i + 1] * x
-    lower = nodes[j + 1, i] * (1 - x) + nodes[j + 1, i + 1] * x
-    return upper * (1 - y) + lower * y
+@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+def _shade(nodes, v, bright):
+    """Multiply a row of pixels by a smooth field, bilinear between nodes; v from 0 to 1 down the picture."""
+    n, size = nodes.shape[0] - 1, bright.shape[0]
+    j = min(int(v * n), n - 1)
+    y = np.float32(v * n - j)
+    row = np.empty(n + 1, np.float32)
+    for i in range(n + 1):
+        row[i] = nodes[j, i] + (nodes[j + 1, i] - nodes[j, i]) * y
+    step = np.float32(n / (size - 1))
+    for column in range(size):
+        x = np.float32(column) * step
+        i = min(int(x), n - 1)
+        bright[column] *= row[i] + (row[i + 1] - row[i]) * (x - np.float32(i))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _sample(image, x, y, pixel):
-    """Bilinear, the edge repeated outside; values 0–255 into pixel."""
-    height, width = image.shape[0], image.shape[1]
-    x, y = min(max(x, np.float32(0)), np.float32(width - 1)), min(max(y, np.float32(0)), np.float32(height - 1))
-    i, j = min(int(x), width - 2), min(int(y), height - 2)
-    x, y = x - i, y - j
-    for c in range(3):
-        upper = image[j, i, c] * (1 - x) + image[j, i + 1, c] * x
-        lower = image[j + 1, i, c] * (1 - x) + image[j + 1, i + 1, c] * x
-        pixel[c] = upper * (1 - y) + lower * y
+@njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+def _place(to_old, row, limit, start, x, y):
+    """Where a row of new pixels lies in the old picture: the upper left of four neighbours, and how far beyond it."""
+    height, width = limit
+    v = np.float32(row)
+    for column in range(len(x)):
+        u = np.float32(column)
+        scale = np.float32(1) / (to_old[2, 0] * u + to_old[2, 1] * v + to_old[2, 2])
+        old_x = (to_old[0, 0] * u + to_old[0, 1] * v + to_old[0, 2]) * scale
+        old_y = (to_old[1, 0] * u + to_old[1, 1] * v + to_old[1, 2]) * scale
+        old_x = min(max(old_x, np.float32(0)), np.float32(width - 1))
+        old_y = min(max(old_y, np.float32(0)), np.float32(height - 1))
+        i, j = min(np.int32(old_x), np.int32(width - 2)), min(np.int32(old_y), np.int32(height - 2))
+        x[column], y[column] = old_x - np.float32(i), old_y - np.float32(j)
+        start[column] = np.uint32(np.int32(3) * (j * np.int32(width) + i))
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def _changed(image, to_old, look, size):
-    """One picture in its new place and light, as float32."""
-    colour, gamma, coarse, fine = look
-    tone = np.empty(257, np.float32)
-    for level in range(257):
-        tone[level] = 255 * (level / 256) ** gamma
-    sharp = np.empty((size, size, 3), np.float32)
-    pixel = np.empty(3, np.float32)
+    """One picture in its new place and light, as float32 rows (size, 3 · size); the edge is repeated outside.
+
+    Each row goes through short loops that run in vectors; indices are unsigned, which spares numba the test for
+    negative ones. Together that takes a quarter of the time of one loop over the pixels.
+    """
+    colour, gamma, coarse, fine, fine_too = look
+    height, width = image.shape[0], image.shape[1]
+    tone = np.empty(_TONES + 1, np.float32)
+    for level in range(_TONES + 1):
+        tone[level] = np.float32(255) * (np.float32(level) / np.float32(_TONES)) ** gamma
+    flat, pixel, stride = image.ravel(), np.uint32(3), np.uint32(3 * width)
+    sharp, bright, raw = (
+        np.empty((size, 3 * size), np.float32),
+        np.empty(size, np.float32),
+        np.empty(3 * size, np.float32),
+    )
+    start, x, y = np.empty(size, np.uint32), np.empty(size, np.float32), np.empty(size, np.float32)
     for row in range(size):
+        bright[:] = np.float32(_TONES / 255)
+        _shade(coarse, row / (size - 1), bright)
+        if fine_too:
+            _shade(fine, row / (size - 1), bright)
+        _place(to_old, row, (height, width), start, x, y)
         for column in range(size):
-            scale = 1 / (to_old[2, 0] * column + to_old[2, 1] * row + to_old[2, 2])
-            x = (to_old[0, 0] * column + to_old[0, 1] * row + to_old[0, 2]) * scale
-            y = (to_old[1, 0] * column + to_old[1, 1] * row + to_old[1, 2]) * scale
-            _sample(image, np.float32(x), np.float32(y), pixel)
-            u, v = np.float32(column / (size - 1)), np.float32(row / (size - 1))
-            bright = _field(coarse, u, v) * _field(fine, u, v)
+            for c in range(np.uint32(3)):
+                upper = start[column] + c
+                lower = upper + stride
+                left = np.float32(flat[upper]) * (np.float32(1) - y[column]) + np.float32(flat[lower]) * y[column]
+                right = np.float32(flat[upper + pixel]) * (np.float32(1) - y[column])
+                right += np.float32(flat[lower + pixel]) * y[column]
+                raw[3 * column + c] = left + x[column] * (right - left)
+        for column in range(size):
+            red, green, blue = raw[3 * column], raw[3 * column + 1], raw[3 * column + 2]
             for c in range(3):
-                value = colour[c, 0] * pixel[0] + colour[c, 1] * pixel[1] + colour[c, 2] * pixel[2]
-                level = min(max(value * bright * np.float32(256 / 255), np.float32(0)), np.float32(255.99))
-                below = int(level)
-                sharp[row, column, c] = tone[below] + (tone[below + 1] - tone[below]) * (level - below)
+                level = (colour[c, 0] * red + colour[c, 1] * green + colour[c, 2] * blue) * bright[column]
+                raw[3 * column + c] = min(max(level + np.float32(0.5), np.float32(0)), np.float32(_TONES))
+        for k in range(3 * size):
+            sharp[row, k] = tone[np.uint32(np.int32(raw[k]))]
     return sharp
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
 def _finish(sharp, noise, blur, seed, out):
-    """Blur by a share of the four neighbours, then add noise (triangular, of that standard deviation)."""
-    size = out.shape[0]
-    near = blur / 8
-    state = np.uint32(seed)
-    amplitude = noise * np.float32(6**0.5 / 2**32)
+    """Blur by a share of the four neighbours, then add noise (triangular, of that standard deviation).
+
+    The random bits are a hash of the pixel's number (the finaliser of MurmurHash3, A. Appleby): no state, so that the
+    loop runs in vectors.
+    """
+    size, width = sharp.shape
+    near = blur / np.float32(8)
+    self_weight = np.float32(1) - np.float32(4) * near
+    amplitude = noise * np.float32(6**0.5 / 2**16)
     for row in range(size):
-        above, below = max(row - 1, 0), min(row + 1, size - 1)
-        for column in range(size):
-            left, right = max(column - 1, 0), min(column + 1, size - 1)
-            for c in range(3):
-                around = sharp[above, column, c] + sharp[below, column, c] + sharp[row, left, c] + sharp[row, right, c]
-                value = (1 - 4 * near) * sharp[row, column, c] + near * around
-                state ^= (state << np.uint32(13)) & np.uint32(0xFFFFFFFF)
-                state ^= state >> np.uint32(17)
-                state ^= (state << np.uint32(5)) & np.uint32(0xFFFFFFFF)
-                first = state
-                state ^= (state << np.uint32(13)) & np.uint32(0xFFFFFFFF)
-                state ^= state >> np.uint32(17)
-                state ^= (state << np.uint32(5)) & np.uint32(0xFFFFFFFF)
-                value += amplitude * (np.float32(first) - np.float32(state)) + np.float32(0.5)
-                out[row, column, c] = np.uint8(min(max(value, np.float32(0)), np.float32(255)))
+        above, here, below = sharp[max(row - 1, 0)], sharp[row], sharp[min(row + 1, size - 1)]
+        for k in range(width):
+            left, right = k - 3 if k >= 3 else k, k + 3 if k < width - 3 else k
+            value = self_weight * here[k] + near * (above[k] + below[k] + here[left] + here[right])
+            bits = np.uint32(np.uint32(row * width + k) * np.uint32(0x9E3779B1) + seed)
+            bits = np.uint32((bits ^ (bits >> np.uint32(16))) * np.uint32(0x85EBCA6B))
+            bits = np.uint32((bits ^ (bits >> np.uint32(13))) * np.uint32(0xC2B2AE35))
+            bits = np.uint32(bits ^ (bits >> np.uint32(16)))
+            drawn = np.int32(bits & np.uint32(0xFFFF)) - np.int32(bits >> np.uint32(16))
+            value += amplitude * np.float32(drawn) + np.float32(0.5)
+            out[row, k] = np.uint8(np.int32(min(max(value, np.float32(0)), np.float32(255))))
