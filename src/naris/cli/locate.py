@@ -30,7 +30,7 @@ class Options:
     dataset.json of a data set; by default the angle of the training's pictures is assumed."""
     out_of_domain: float = 0.5
     """A picture that is this far from those of the training (0–1) is not localised."""
-    probability: float = 0.5
+    probability: float = 0.7
     """The most probable region must be at least so probable, or the picture is not localised."""
     threads: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Of the network; by default as many as the library likes."""

@@ -16,8 +16,7 @@ from naris.experiment.contenders import Contender
 from naris.experiment.score import pose_errors
 from naris.experiment.sets import TRAJECTORY_TEXTURE, Sets, Setting
 from naris.experiment.splits import describe_splits, example_views, trajectory_lines
-
-# LOC from naris.locate import is_localised
+from naris.locate import is_localised
 from naris.model.localizer import open_localizer
 from naris.report.data import (
     AnatomyView,
@@ -151,7 +150,7 @@ def locate_some(contender: Contender, sets: Sets, count: int, seed: int, progres
             name=pictures.image_files[i].name,
             image=images[k],
             prediction=predictions[k],
-            # LOC localised=is_localised(predictions[k]),
+            localised=is_localised(predictions[k]),
             truth=int(pictures.labels[i]),
             position_error_mm=None if errors is None else float(errors.position_mm[k]),
             rotation_error_deg=None if errors is None else float(errors.rotation_deg[k]),

@@ -25,11 +25,12 @@ class Doubt:
     Attributes:
         out_of_domain: a picture that scores this or more is not of the world that the network knows. At 0.5 about one
             in two hundred of the network's own pictures is refused.
-        probability: the most probable region must be at least so probable.
+        probability: the most probable region must be at least so probable. Where the probabilities are calibrated, at
+            most three answers in ten are wrong just above the default, and far fewer on the whole.
     """
 
     out_of_domain: float = 0.5
-    probability: float = 0.5
+    probability: float = 0.7
 
 
 def locate(

@@ -212,7 +212,7 @@ class LocatedFrame:
     name: str
     image: UInt8[np.ndarray, "h w 3"]
     prediction: Prediction
-    localised: bool = True
+    localised: bool
     truth: int | None = None
     position_error_mm: float | None = None
     rotation_error_deg: float | None = None
