@@ -1,0 +1,29 @@
+"""Every example runs, and leaves what it says."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+WRITTEN = {
+    "00_one_view": ((), "view.png"),
+    "01_a_surface_of_your_own": ((), "anatomy/anatomy.json"),
+    "02_a_data_set": ((8,), "original/pose"),
+    "03_train_and_locate": ((2.0,), "model/model.safetensors"),
+}
+
+
+def test_none_is_left_out() -> None:
+    assert sorted(WRITTEN) == sorted(path.stem for path in EXAMPLES.glob("*.py"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WRITTEN)
+def test_example(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments, written = WRITTEN[name]
+    runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](tmp_path, *arguments)
+    assert (tmp_path / written).exists()
+    said = capsys.readouterr().out
+    assert said.count("\n") >= 3
+    assert "refused" in said or "surface" not in name
