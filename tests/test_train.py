@@ -30,7 +30,7 @@ from naris.model.two_layer import TwoLayerConfig
 from naris.train import COMPACT_AT_WILL, COMPACT_FEW, PUBLISHED, Examples, Replay, TrainConfig, train, train_runs
 from naris.train.augment import FEW_PICTURES, Augmentation, augment
 from naris.train.data import FixedLessons, StreamLessons, split_off
-from naris.train.learner import learning_rate
+from naris.train.learner import rate
 from naris.train.loop import STATE
 from naris.train.strangers import strangers
 
@@ -271,10 +271,10 @@ def test_a_budget_is_kept_and_the_rate_falls_with_the_clock(tmp_path: Path) -> N
     run = train(_examples(), config, tmp_path, progress=progress)
     assert 1.0 <= run.wall_s < 10.0
     assert progress.seen["train"][0] == progress.seen["train"][1]
-    rates = [learning_rate(config, done) for done in (0.0, 1 / 6, 0.5, 1.0)]
-    assert rates[1] == max(rates) == config.adam.learning_rate
+    rates = [rate(config, done) for done in (0.0, 1 / 6, 0.5, 1.0)]
+    assert rates[1] == max(rates) == 1
     assert rates[3] < 0.01 * rates[1] < rates[0]
-    assert learning_rate(PUBLISHED, 0.9) == 1e-3
+    assert rate(PUBLISHED, 0.9) == 1
 
 
 def test_runs_side_by_side_are_those_one_after_the_other(tmp_path: Path) -> None:

@@ -7,9 +7,10 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 from torch.distributions import MultivariateNormal
+from torch.nn import functional
 
 from naris.core.pose import Pose
-from naris.model.compact import Compact, CompactConfig, standardise, to_input
+from naris.model.compact import Compact, CompactConfig, patches, standardise, to_input
 from naris.model.losses import Targets, compact_loss, covariance_of, gaussian_nll, twist_to
 
 TINY = CompactConfig(input_px=16, channels=(8, 16), blocks=(1, 1), reduced=4, embedding=12, hypotheses=2)
@@ -105,6 +106,12 @@ def test_gain_and_tint_do_not_reach_the_network() -> None:
     assert torch.allclose(standardise(tinted), standardise(pictures), atol=0.05)
     oracle = (pictures - pictures.mean((2, 3), keepdim=True)) / (pictures.std((2, 3), keepdim=True, correction=0) + 4)
     assert torch.allclose(standardise(pictures), oracle, atol=1e-3)
+
+
+def test_patches_are_torchs_with_the_colours_last() -> None:
+    pictures = to_input(_pictures(2))
+    torchs = functional.pixel_unshuffle(pictures, 4).unflatten(1, (3, 4, 4)).permute(0, 2, 3, 1, 4, 5).flatten(1, 3)
+    assert torch.equal(patches(pictures), torchs)
 
 
 @pytest.mark.parametrize("value", [0, 255])

@@ -23,6 +23,7 @@ COMPACT = "compact"
 TWIST = 6
 _TRIANGLE = TWIST * (TWIST + 1) // 2
 _NUMBERS = 1 + 3 + 6 + _TRIANGLE  # of one hypothesis: its weight, position, rotation, covariance factor
+_PATCH = 4  # edge of the patches of pixels that the first convolution sees as one
 _DARKEST = 4.0  # grey levels added to the contrast, so that a black picture is not blown up to noise
 _UNIT = (6.0, 6.0, 6.0, 0.3, 0.3, 0.3)  # mm and rad: errors before training, so that it starts with a fair claim
 
@@ -32,7 +33,7 @@ class CompactConfig:
     """The shape of the network.
 
     Attributes:
-        input_px: edge of the square input.
+        input_px: edge of the square input, a multiple of 4.
         channels: of each stage; each stage after the first halves the map.
         blocks: residual blocks of each stage.
         reduced: channels of the last map before it is flattened.
@@ -44,16 +45,17 @@ class CompactConfig:
     """
 
     input_px: int = 112
-    channels: tuple[int, ...] = (32, 64, 128, 256)
+    channels: tuple[int, ...] = (32, 64, 128, 192)
     blocks: tuple[int, ...] = (1, 1, 1, 1)
     reduced: int = 64
     embedding: int = 256
     hypotheses: int = 3
 
     def __post_init__(self) -> None:
-        if len(self.channels) != len(self.blocks) or self.input_px < 4 * 2 ** len(self.blocks):
+        least = 2 * _PATCH * 2 ** (len(self.blocks) - 1)
+        if len(self.channels) != len(self.blocks) or self.input_px < least or self.input_px % _PATCH:
             raise InputError(
-                f"as many channels as blocks and an input of at least {4 * 2 ** len(self.blocks)} pixels",
+                f"as many channels as blocks and an input of at least {least} pixels, a multiple of {_PATCH}",
                 f"channels {self.channels}, blocks {self.blocks}, {self.input_px} px",
                 "correct the network configuration",
             )
@@ -116,13 +118,11 @@ class Compact(nn.Module):
         super().__init__()
         self.config = config
         first = config.channels[0]
-        half = first // 2
         self.stem = nn.Sequential(
-            *[nn.Conv2d(3, half, 3, 2, 1, bias=False), nn.BatchNorm2d(half), nn.ReLU()],
-            *[nn.Conv2d(half, first, 3, 2, 1, bias=False), nn.BatchNorm2d(first), nn.ReLU()],
+            nn.Conv2d(3 * _PATCH**2, first, 3, 1, 1, bias=False), nn.BatchNorm2d(first), nn.ReLU()
         )
         stages: list[nn.Module] = []
-        inputs, edge = first, -(-config.input_px // 4)
+        inputs, edge = first, config.input_px // _PATCH
         for stage, (outputs, count) in enumerate(zip(config.channels, config.blocks, strict=True)):
             for block in range(count):
                 stride = 2 if stage and not block else 1
@@ -147,9 +147,14 @@ class Compact(nn.Module):
         self.register_buffer("position_mean_mm", torch.zeros(3))
         self.register_buffer("position_scale_mm", torch.ones(3))
 
+    def inner_weights(self) -> list[Tensor]:
+        """The matrices and convolutions between the picture and the embedding."""
+        modules = (self.stem, self.stages, self.reduce, self.embed)
+        return [weight for module in modules for weight in module.parameters() if weight.ndim > 1]
+
     def forward(self, images: Float[Tensor, "b 3 h w"]) -> CompactOutput:
         """Of RGB pictures (B, 3, input_px, input_px), values 0–255."""
-        maps = self.stages(self.stem(standardise(images)))
+        maps = self.stages(self.stem(patches(standardise(images))))
         embedding = self.embed(self.reduce(maps).flatten(1))
         # The heads are small and their numbers matter: float32, whatever the maps were computed in.
         with torch.autocast(images.device.type, enabled=False):
@@ -178,6 +183,16 @@ def standardise(images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b 3 h w"]:
     variance = (flat * flat).mean(dim=1, keepdim=True) - mean * mean
     scale = 1 / (variance.clamp_min(0).sqrt() + _DARKEST)
     return torch.addcmul(-mean * scale, flat, scale).view(batch, height, width, 3).permute(0, 3, 1, 2)
+
+
+def patches(images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b 48 i j"]:
+    """The 4×4 pixels of each patch side by side as channels, in the order (row, column, colour).
+
+    A convolution over a map of a quarter of the edge with many channels costs a fifth of one over pixels.
+    """
+    batch, colours, height, width = images.shape
+    pixels = images.permute(0, 2, 3, 1).reshape(batch, height // _PATCH, _PATCH, width // _PATCH, _PATCH, colours)
+    return pixels.transpose(2, 3).flatten(3).permute(0, 3, 1, 2)
 
 
 def to_input(images: UInt8[Tensor, "b h w 3"]) -> Float[Tensor, "b 3 h w"]:

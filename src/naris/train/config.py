@@ -33,6 +33,21 @@ class Adam:
 
 
 @dataclass(frozen=True)
+class Muon:
+    """The optimiser of the weights between a network's layers (`naris.train.optimiser`); Adam does the others.
+
+    Attributes:
+        learning_rate: at its highest, in Adam's measure; it rises and falls with Adam's.
+        momentum: share of the past in the running mean of the gradient.
+        weight_decay: taken off the weights.
+    """
+
+    learning_rate: float = 1e-2
+    momentum: float = 0.95
+    weight_decay: float = 0.05
+
+
+@dataclass(frozen=True)
 class Replay:
     """How views of a stream come back: rendering one may cost more than learning from it.
 
@@ -60,6 +75,7 @@ class TrainConfig:
         steps: batches.
         budget_s: wall seconds of training; the learning rate follows the clock, so the result depends on the machine.
         adam: the optimiser.
+        muon: another one for the inner weights of the compact network.
         average: decay a step of the running average of the weights that is kept in the end; 0 keeps the last weights.
         loss: of the compact network.
         augmentation: None shows pictures as they are.
@@ -79,6 +95,7 @@ class TrainConfig:
     steps: int | None = None
     budget_s: float | None = None
     adam: Adam = Adam()
+    muon: Muon | None = None
     average: float = 0.0
     loss: LossWeights = COMPACT_LOSS
     augmentation: Augmentation | None = None
@@ -139,6 +156,7 @@ COMPACT_FEW = TrainConfig(
     network=CompactConfig(),
     epochs=60,
     adam=Adam(learning_rate=3e-3, weight_decay=0.05, decoupled=True, cycle=True),
+    muon=Muon(),
     average=0.995,
     augmentation=FEW_PICTURES,
     strangers=0.06,
@@ -151,6 +169,7 @@ COMPACT_AT_WILL = TrainConfig(
     network=CompactConfig(),
     steps=6000,
     adam=Adam(learning_rate=3e-3, weight_decay=0.05, decoupled=True, cycle=True),
+    muon=Muon(),
     average=0.998,
     augmentation=SEEN_AGAIN,
     replay=Replay(),

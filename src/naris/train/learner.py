@@ -20,6 +20,7 @@ from naris.model.localizer import build, config_json, load_weights, name_of, wei
 from naris.model.losses import Losses, Targets, compact_loss
 from naris.train.config import TrainConfig
 from naris.train.data import Lesson
+from naris.train.optimiser import Optimiser
 
 PARTS = Losses._fields
 """The parts of the loss that are recorded: total, region, pose, covariance, choice, domain."""
@@ -29,15 +30,14 @@ _FIRST, _LAST = 0.1, 0.002  # learning rate at the start and the end of a cycle,
 _NETWORK, _AVERAGE, _OPTIMISER = "network.", "average.", "optimiser."
 
 
-def learning_rate(config: TrainConfig, done: float) -> float:
-    """At a share `done` (0…1) of the training."""
-    adam = config.adam
-    if not adam.cycle:
-        return adam.learning_rate
+def rate(config: TrainConfig, done: float) -> float:
+    """The learning rate as a share of the highest, at a share `done` (0…1) of the training."""
+    if not config.adam.cycle:
+        return 1.0
     if done < _WARM:
-        return adam.learning_rate * (_FIRST + (1 - _FIRST) * done / _WARM)
+        return _FIRST + (1 - _FIRST) * done / _WARM
     fall = (1 + np.cos(np.pi * min((done - _WARM) / (1 - _WARM), 1.0))) / 2
-    return float(adam.learning_rate * (_LAST + (1 - _LAST) * fall))
+    return float(_LAST + (1 - _LAST) * fall)
 
 
 def resolved_precision(config: TrainConfig) -> str:
@@ -69,20 +69,16 @@ class Learner:
             self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
             self.network.position_mean_mm[:] = torch.from_numpy(positions_mm.mean(axis=0))
             self.network.position_scale_mm[:] = torch.from_numpy(np.maximum(positions_mm.std(axis=0), 1.0))
-        kind = torch.optim.AdamW if config.adam.decoupled else torch.optim.Adam
-        self.optimiser = kind(_parameter_groups(self.network, config), lr=config.adam.learning_rate, fused=True)
+        self.optimiser = Optimiser(self.network, config, precision)
         self.average = [value.clone() for value in _numbers(self.network)] if config.average else []
         self.steps = 0
 
     def step(self, lesson: Lesson, done: float) -> Float32[np.ndarray, "p"]:
         """Learn from one lesson at a share `done` of the training; the parts of the loss (`PARTS`)."""
         self.network.train()
-        for group in self.optimiser.param_groups:
-            group["lr"] = learning_rate(self.config, done)
         losses = self._losses(lesson)
-        self.optimiser.zero_grad()
         losses.total.backward()  # type: ignore[no-untyped-call]
-        self.optimiser.step()
+        self.optimiser.step(rate(self.config, done))
         self.steps += 1
         if self.average:
             decay = min(self.config.average, self.steps / (self.steps + 20))
@@ -105,8 +101,7 @@ class Learner:
         """Everything that the next step depends on."""
         tensors = {_NETWORK + name: value for name, value in weights_of(self.network).items()}
         tensors |= {f"{_AVERAGE}{i}": value.contiguous().numpy() for i, value in enumerate(self.average)}
-        for i, values in self.optimiser.state_dict()["state"].items():
-            tensors |= {f"{_OPTIMISER}{i}.{name}": value.contiguous().numpy() for name, value in values.items()}
+        tensors |= {_OPTIMISER + name: value for name, value in self.optimiser.state().items()}
         return tensors
 
     def restore(self, tensors: Mapping[str, Shaped[np.ndarray, "..."]], steps: int) -> None:
@@ -117,27 +112,14 @@ class Learner:
         """
         prefix = _NETWORK
         load_weights(self.network, {n.removeprefix(prefix): v for n, v in tensors.items() if n.startswith(prefix)})
-        content = self.optimiser.state_dict()
-        content["state"] = {}
-        for name, value in tensors.items():
-            if name.startswith(_OPTIMISER):
-                index, field = name.removeprefix(_OPTIMISER).split(".")
-                content["state"].setdefault(int(index), {})[field] = torch.from_numpy(np.array(value))
+        prefix = _OPTIMISER
         try:
-            self.optimiser.load_state_dict(content)
+            self.optimiser.restore({n.removeprefix(prefix): v for n, v in tensors.items() if n.startswith(prefix)})
             for i, mean in enumerate(self.average):
                 mean.copy_(torch.from_numpy(np.array(tensors[f"{_AVERAGE}{i}"])))
-            self._match_layouts()
-        except (KeyError, ValueError, RuntimeError) as error:
+        except (LookupError, ValueError, RuntimeError) as error:
             raise CheckpointError("the state of this training", f"another one ({error})", "start anew") from error
         self.steps = steps
-
-    def _match_layouts(self) -> None:
-        """The optimiser's fused kernel walks through memory: its moments must lie as the weights do."""
-        for parameter, values in self.optimiser.state.items():
-            for name, value in values.items():
-                if value.shape == parameter.shape:
-                    values[name] = torch.empty_like(parameter).copy_(value)
 
     def _losses(self, lesson: Lesson) -> Losses:
         images, region = torch.from_numpy(lesson.images), torch.from_numpy(lesson.region.astype(np.int64))
@@ -157,16 +139,6 @@ class Learner:
         )
         network = self.network
         return compact_loss(output, targets, network.position_mean_mm, network.position_scale_mm, self.config.loss)
-
-
-def _parameter_groups(network: nn.Module, config: TrainConfig) -> list[dict[str, Any]]:
-    """Decoupled decay leaves norms and biases alone; the published L2 is on everything, as torch's Adam does."""
-    decay = config.adam.weight_decay
-    if not config.adam.decoupled:
-        return [{"params": list(network.parameters()), "weight_decay": decay}]
-    flat = [p for p in network.parameters() if p.ndim <= 1]
-    deep = [p for p in network.parameters() if p.ndim > 1]
-    return [{"params": deep, "weight_decay": decay}, {"params": flat, "weight_decay": 0.0}]
 
 
 def _numbers(network: nn.Module) -> list[Tensor]:
