@@ -60,9 +60,8 @@ COMPACT_WORDS = (
 
 def from_pictures(plan: Plan, pictures: Dataset, out: Path, progress: Progress) -> Contender:
     """Train on a fixed set, a run a seed, in `out/<key>`; finished runs are kept, an interrupted one goes on."""
-    config = plan.config if plan.workers == 1 else plan.config.with_(threads=1)
     runs = train_runs(
-        Examples.of(pictures), config, plan.seeds, out / plan.key, workers=plan.workers, progress=progress
+        Examples.of(pictures), plan.config, plan.seeds, out / plan.key, workers=plan.workers, progress=progress
     )
     return Contender(plan, tuple(runs))
 
