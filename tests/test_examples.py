@@ -22,8 +22,11 @@ def test_none_is_left_out() -> None:
 @pytest.mark.parametrize("name", WRITTEN)
 def test_example(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments, written = WRITTEN[name]
-    runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"](tmp_path, *arguments)
+    main = runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"]
+    main(tmp_path, *arguments)
     assert (tmp_path / written).exists()
     said = capsys.readouterr().out
     assert said.count("\n") >= 3
     assert "refused" in said or "surface" not in name
+    if name == "02_a_data_set":  # which says that the same call goes on where it was
+        main(tmp_path, *arguments)

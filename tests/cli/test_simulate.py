@@ -111,6 +111,32 @@ def test_the_folders_of_the_original_hold_the_same(tube: Path, tmp_path) -> None
     np.testing.assert_allclose(ours.anatomy_T_camera.position_mm, theirs.anatomy_T_camera.position_mm, atol=1e-5)
 
 
+def test_the_folders_of_the_original_are_completed_and_then_left_alone(tube: Path, tmp_path) -> None:
+    words = ["--count", "5", "--original", str(tmp_path / "theirs")]
+    assert simulate(tube, tmp_path / "ours", *words) == 0
+    whole = content(tmp_path)
+    for lost in ("frame/03.png", "frame/04.png", "pose/03.txt", "pose/04.txt"):
+        (tmp_path / "theirs" / lost).unlink()
+    stamps = {path: path.stat().st_mtime_ns for path in (tmp_path / "theirs").rglob("0*")}
+    for _ in range(2):
+        assert simulate(tube, tmp_path / "ours", *words) == 0
+        assert content(tmp_path) == whole
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+
+
+@pytest.mark.parametrize("other", [["--seed", "1"], ["--appearance", "paper"], ["--count", "4"]], ids=str)
+def test_folders_of_another_data_set_are_refused_before_anything_is_simulated(
+    tube: Path, tmp_path, capfd, other: list[str]
+) -> None:
+    words = ["--count", "5", "--original", str(tmp_path / "theirs")]
+    assert simulate(tube, tmp_path / "ours", *words) == 0
+    before = content(tmp_path)
+    capfd.readouterr()
+    assert simulate(tube, tmp_path / "others", *words, *other) == 2
+    assert re.fullmatch(r"naris: [^\n]+; give another folder[^\n]+\n", capfd.readouterr().err)
+    assert content(tmp_path) == before
+
+
 def test_trajectories_and_texture(tube: Path, tmp_path) -> None:
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (8, 8, 3), dtype=np.uint8)).save(tmp_path / "walls.png")
     words = ["--views", "trajectories", "--count", "25", "--per-position", "5", "--no-depth"]

@@ -53,7 +53,8 @@ class Options:
     depth: bool = True
     """Keep depth, as 16-bit PNG."""
     original: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Write the pictures and poses also as the frame/ and pose/ folders of the published code."""
+    """Write the pictures and poses also as the frame/ and pose/ folders of the published code: in a folder without
+    them, or with those that this very command wrote."""
     workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
     """Threads; by default one a core."""
 
@@ -62,10 +63,14 @@ def run(options: Options, console: Console) -> int:
     """Makes the data set, or what is still missing of it."""
     from naris.cli import views
     from naris.dataset.generate import simulate
-    from naris.dataset.original import write_original
+    from naris.dataset.layout import image_name
+    from naris.dataset.original import check_original, write_original
 
     began_s = time.perf_counter()
     simulation, scene = views.simulation(options)
+    if options.original is not None:  # a folder that will be refused should not cost the whole simulation first
+        pictures = [options.out / image_name(i) for i in range(len(simulation.views))]
+        check_original(options.original, simulation.views.anatomy_T_camera, pictures)
     dataset = simulate(simulation, options.out, scene=scene, workers=options.workers, progress=console.progress)
     if options.original is not None:
         write_original(dataset, options.original)

@@ -7,14 +7,15 @@ picture and a pose belong together when their names without suffix are the same.
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from naris.core.anatomy import RegionSet
-from naris.core.atomic import replacing, write_text
+from naris.core.atomic import PART, replacing, write_text
 from naris.core.camera import Intrinsics
-from naris.core.pose import stack
+from naris.core.pose import Pose, stack
 from naris.dataset.layout import RegionLabels
 from naris.dataset.read import Dataset
 from naris.errors import DatasetError, KeyframeError
@@ -59,22 +60,70 @@ def read_original(
 
 
 def write_original(dataset: Dataset, folder: Path) -> None:
-    """Write a data set as the original's folders: the pictures as they are, the poses as text.
+    """Write a data set as the original's folders, or what is still missing: pictures as they are, poses as text.
 
     The format keeps neither depth nor rolls nor intrinsics; poses have six decimals.
 
     Raises:
-        DatasetError: if the folder has pictures or poses already.
-        DiskFull: if there is no room.
+        DatasetError: if the folder holds other pictures or poses; nothing is touched.
+        DiskFull: if there is no room; every file that is there is whole, and the same call goes on.
     """
-    if any((folder / name).exists() and any((folder / name).iterdir()) for name in (FRAMES, POSES)):
-        raise DatasetError(f"no {FRAMES}/ and {POSES}/ in {folder.name} yet", "some with files", "give another folder")
-    width = max(2, len(str(len(dataset) - 1)))
-    for i, picture in enumerate(dataset.image_files):
-        with replacing(folder / FRAMES / f"{i:0{width}d}.png", durable=False) as part:
-            shutil.copyfile(picture, part)
-        pose = dataset.anatomy_T_camera[i]
-        write_text(folder / POSES / f"{i:0{width}d}.txt", original_pose_text(pose), durable=False)
+    check_original(folder, dataset.anatomy_T_camera, dataset.image_files)
+    for name in (FRAMES, POSES):
+        for leftover in (folder / name).glob(f".*{PART}*"):
+            leftover.unlink(missing_ok=True)
+    for stem, picture, pose in _named(dataset.anatomy_T_camera, dataset.image_files):
+        if not (folder / FRAMES / f"{stem}.png").exists():
+            with replacing(folder / FRAMES / f"{stem}.png", durable=False) as part:
+                shutil.copyfile(picture, part)
+        if not (folder / POSES / f"{stem}.txt").exists():
+            write_text(folder / POSES / f"{stem}.txt", original_pose_text(pose), durable=False)
+
+
+def check_original(folder: Path, anatomy_T_camera: Pose, pictures: Sequence[Path]) -> None:
+    """See that `write_original` may write here, also before the pictures of the data set are made.
+
+    Args:
+        folder: new, empty, or with (part of) the very files that would be written.
+        anatomy_T_camera: (N,) poses of the data set.
+        pictures: its N files; those that are not made yet are not there.
+
+    Raises:
+        DatasetError: if the folder is a file, or holds a picture or pose that would not be written, or a picture whose
+            fellow in the data set is not there to compare it with.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise DatasetError(f"a folder to write to at {folder.name}", "a file", "give another folder")
+    there = {path for name in (FRAMES, POSES) for path in _visible(folder / name)}
+    for stem, picture, pose in _named(anatomy_T_camera, pictures):
+        kept = folder / FRAMES / f"{stem}.png"
+        if kept in there and not (picture.is_file() and picture.read_bytes() == kept.read_bytes()):
+            raise _others(folder, kept)
+        text = folder / POSES / f"{stem}.txt"
+        if text in there and text.read_bytes() != original_pose_text(pose).encode():
+            raise _others(folder, text)
+        there -= {kept, text}
+    if there:
+        raise _others(folder, min(there))
+
+
+def _named(anatomy_T_camera: Pose, pictures: Sequence[Path]) -> Iterator[tuple[str, Path, Pose]]:
+    """The common name, the picture and the pose of each sample."""
+    width = max(2, len(str(len(pictures) - 1)))
+    for i, picture in enumerate(pictures):
+        yield f"{i:0{width}d}", picture, anatomy_T_camera[i]
+
+
+def _visible(folder: Path) -> list[Path]:
+    return [path for path in folder.iterdir() if not path.name.startswith(".")] if folder.exists() else []
+
+
+def _others(folder: Path, path: Path) -> DatasetError:
+    return DatasetError(
+        f"no {FRAMES}/ and {POSES}/ in {folder.name} but of this very data set",
+        f"another {path.relative_to(folder)}",
+        "give another folder, or remove these if you no longer need them",
+    )
 
 
 def _by_name(folder: Path, name: str, pattern: str) -> dict[str, Path]:
