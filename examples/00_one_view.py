@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 from naris.anatomy.builtin import built_in_nose
@@ -26,7 +27,7 @@ def main(folder: Path) -> None:
     # y down, z forward. A pose is named after what it does: anatomy_T_camera takes camera points into the anatomy.
     line = nose.passages[0].points_mm
     here, ahead = line[len(line) // 3], line[len(line) // 3 + 12]
-    anatomy_T_camera = Pose.look(here, ahead - here, (0.0, 0.0, 1.0), nose.frame)
+    anatomy_T_camera = Pose.look(here, ahead - here, np.array([0.0, 0.0, 1.0]), nose.frame)
     regions = nose.region_set("paper")
     print(f"the camera stands in the region {regions.names[int(regions.label(here))]!r}")
 

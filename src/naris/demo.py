@@ -24,7 +24,7 @@ from naris.experiment.contenders import (
 )
 from naris.experiment.gather import Journal, Telling, locate_some, network_result, report_data
 from naris.experiment.score import score
-from naris.experiment.sets import Sets, Setting, make_sets
+from naris.experiment.sets import TRAJECTORY, Sets, Setting, make_sets
 from naris.render.appearance import TRAINING_APPEARANCE, UNSEEN_APPEARANCE
 from naris.render.scene import Scene
 from naris.render.viewpoints import INSPECTION
@@ -49,8 +49,8 @@ class DemoConfig:
 
     train_positions: int = 48
     test_positions: int = 16
-    epochs: int = 5
-    budget_s: float = 150.0
+    epochs: int = 3
+    budget_s: float = 195.0
     located: int = 8
     seed: int = 0
 
@@ -114,6 +114,7 @@ def _train(setting: Setting, sets: Sets, config: DemoConfig, out: Path, progress
     size_px = at_will.config.network.input_px
     camera = setting.intrinsics.resized(size_px, size_px)
     stream = view_stream(setting.scene, setting.regions, INSPECTION, TRAINING_APPEARANCE, camera, config.seed)
+    stream = stream.away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
     return [
         from_views_at_will(at_will, stream, out, progress),
         from_pictures(two_layer, sets.train, out, progress),

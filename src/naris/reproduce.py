@@ -31,7 +31,7 @@ from naris.experiment.contenders import (
 )
 from naris.experiment.gather import Journal, Telling, locate_some, network_result, report_data
 from naris.experiment.score import score
-from naris.experiment.sets import Sets, Setting, make_sets
+from naris.experiment.sets import TRAJECTORY, Sets, Setting, make_sets
 from naris.render.appearance import PAPER, TRAINING_APPEARANCE, UNSEEN_APPEARANCE
 from naris.render.material import TextureColours
 from naris.render.scene import Scene
@@ -62,9 +62,9 @@ class ReproduceConfig:
     sizes: SplitSizes = SplitSizes()
     epochs: int = 30
     runs: int = 5
-    compact_epochs: int = 60
+    compact_epochs: int = 40
     compact_runs: int = 5
-    at_will_steps: int = 4500
+    at_will_steps: int = 5000
     at_will_runs: int = 1
     workers: int = 2
     seed: int = 0
@@ -135,7 +135,7 @@ def _train(setting: Setting, sets: Sets, config: ReproduceConfig, out: Path, pro
         setting.intrinsics.resized(size_px, size_px),
         config.seed,
         ONE_SCOPE,
-    )
+    ).away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
     return [
         from_pictures(two_layer, sets.train, out, progress),
         from_pictures(compact, sets.train, out, progress),

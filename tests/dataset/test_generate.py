@@ -25,7 +25,7 @@ from naris.errors import ConfigurationChanged, DatasetError, DiskFull
 from naris.render.appearance import PAPER
 from naris.render.scene import Scene, render
 from tests.dataset.small import hashes, small_simulation
-from tests.winding_tube import winding_tube
+from tests.winding_tube import SLABS, winding_tube
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -130,6 +130,7 @@ def test_another_configuration_is_refused_by_name_and_nothing_is_touched(made) -
             small_simulation(), anatomy=winding_tube().with_(vertices_mm=winding_tube().vertices_mm * 1.01)
         ),
         "depth": replace(small_simulation(), depth=False),
+        "regions.digest": replace(small_simulation(), regions=replace(SLABS, borders_mm=(-20.0, 0.0, 21.0))),
     }
     for name, simulation in changes.items():
         with pytest.raises(ConfigurationChanged, match=name):

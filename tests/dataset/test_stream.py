@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from naris.core.camera import Intrinsics
-from naris.dataset.stream import MANY_SCOPES, Scopes, view_stream
+from naris.core.pose import Pose
+from naris.dataset.stream import MANY_SCOPES, Scopes, ViewStream, view_stream
 from naris.errors import InputError
 from naris.render.appearance import PAPER, TRAINING_APPEARANCE
 from naris.render.scene import Scene, render
-from naris.render.viewpoints import INSPECTION
+from naris.render.viewpoints import INSPECTION, UP
 from tests.winding_tube import SLABS, winding_tube
 
 CAMERA = Intrinsics.from_vertical_fov(32, 32, 45.0)
@@ -50,6 +51,23 @@ def test_batches_ahead_are_those_of_one_by_one_in_order(stream) -> None:
     ahead = list(stream.batches(range(3, 9), 8, ahead=3))
     assert len(ahead) == 6
     assert all(same(batch, stream.batch(3 + i, 8)) for i, batch in enumerate(ahead))
+
+
+def test_views_keep_away_from_those_that_shall_stay_unseen(stream) -> None:
+    """An unseen view in the middle of the tube: without the rule some views come near it, with it none."""
+    line = winding_tube().passages[0].points_mm
+    middle = len(line) // 2
+    unseen = Pose.look(line[middle][None], (line[middle + 4] - line[middle])[None], np.array(UP), "LPS")
+
+    def near(chosen: ViewStream) -> int:
+        poses = [chosen.batch(i, 64).anatomy_T_camera for i in range(10)]
+        place = np.concatenate([pose.position_mm for pose in poses])
+        ahead = np.concatenate([pose.forward for pose in poses])
+        close = np.linalg.norm(place - unseen.position_mm, axis=1) < 2.0
+        return int((close & (ahead @ unseen.forward[0] > np.cos(np.deg2rad(15)))).sum())
+
+    assert near(stream) > 0
+    assert near(stream.away_from(unseen)) == 0
 
 
 def test_leaving_early_stops_the_thread(stream) -> None:

@@ -119,6 +119,9 @@ def test_other_regions_and_networks_are_told(tmp_path: Path) -> None:
         load_checkpoint(path, regions=other)
     with pytest.raises(CheckpointError, match="one with compact"):
         load_checkpoint(path, network="two-layer")
+    moved = SlabRegions("paper", ("a", "b", "c"), "mean", 1, (-30.0, 1.0))
+    with pytest.raises(RegionError, match="other borders"):
+        load_checkpoint(path, regions=moved)
 
 
 def test_weights_of_another_shape_are_told() -> None:

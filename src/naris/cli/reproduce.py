@@ -32,9 +32,9 @@ class Options:
     """Of the two-layer network."""
     runs: int = 5
     """Of the two-layer network, and of the compact one on the same pictures."""
-    compact_epochs: int = 60
+    compact_epochs: int = 40
     """Of the compact network on the same pictures."""
-    at_will_steps: int = 4500
+    at_will_steps: int = 5000
     """Batches of 64 views at will for the compact network."""
     workers: int = 2
     """Runs at a time, each on one thread."""

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float32, UInt16
 
 from naris.core.anatomy import RegionSet
 from naris.core.camera import Brown, Fisheye, Intrinsics, Lens, Pinhole
+from naris.core.provenance import digest
 from naris.errors import DatasetError
 
 SCHEMA = "naris.dataset/1"
@@ -41,18 +42,26 @@ class RegionLabels:
         name: of the region set.
         names: of its K regions, in the order of the labels.
         neighbours: (K, K) which regions touch.
+        digest: of the whole region set, borders included, so that labels by other borders are told apart; None where
+            the set is not known.
     """
 
     name: str
     names: tuple[str, ...]
     neighbours: Bool[np.ndarray, "k k"]
+    digest: str | None = None
 
     @staticmethod
     def of(regions: RegionSet) -> RegionLabels:
-        return RegionLabels(regions.name, tuple(regions.names), regions.neighbours)
+        return RegionLabels(regions.name, tuple(regions.names), regions.neighbours, digest(regions))
 
     def to_json(self) -> dict[str, Any]:
-        return {"name": self.name, "names": list(self.names), "neighbours": self.neighbours.astype(int).tolist()}
+        return {
+            "name": self.name,
+            "names": list(self.names),
+            "neighbours": self.neighbours.astype(int).tolist(),
+            "digest": self.digest,
+        }
 
     @staticmethod
     def from_json(content: dict[str, Any]) -> RegionLabels:
@@ -60,7 +69,7 @@ class RegionLabels:
         names, neighbours = tuple(content["names"]), np.array(content["neighbours"], dtype=bool)
         if neighbours.shape != (len(names), len(names)):
             raise ValueError(f"neighbours of shape {neighbours.shape} for {len(names)} regions")
-        return RegionLabels(content["name"], names, neighbours)
+        return RegionLabels(content["name"], names, neighbours, content.get("digest"))
 
 
 def intrinsics_to_json(intrinsics: Intrinsics) -> dict[str, Any]:

@@ -23,8 +23,9 @@ from naris.anatomy.distance import SignedDistance, signed_distance
 from naris.anatomy.passages import Route, find_passages
 from naris.core.anatomy import Anatomy, Passage, RegionSet
 from naris.core.pose import Pose
-from naris.errors import DatasetError, PoseError, RegionError
+from naris.errors import DatasetError, RegionError
 from naris.render.keyframes import interpolate
+from naris.render.near import NEIGHBOUR_DEG, NEIGHBOUR_MM, neighbours
 from naris.render.scene import Scene
 from naris.render.trajectories import (
     PAPER_STEERING,
@@ -38,9 +39,6 @@ from naris.render.trajectories import (
     trajectory_along,
 )
 from naris.render.viewpoints import Viewpoints, joined, passages_of, sees_ahead
-
-NEIGHBOUR_MM = 2.0
-NEIGHBOUR_DEG = 15.0
 
 _PASSES_PER_REGION = 4
 _SHORTEST_RUN = 3
@@ -125,19 +123,6 @@ def make_splits(
     )
     check_no_neighbours(train.anatomy_T_camera, own.anatomy_T_camera)
     return Splits(train, published, own)
-
-
-def neighbours(train: Pose, test: Pose) -> Bool[np.ndarray, "n"]:
-    """Which of the N test views have a training view less than 2 mm and less than 15° (between viewing directions) off.
-
-    Raises:
-        PoseError: if the poses are in different frames.
-    """
-    if train.target != test.target:
-        raise PoseError(f"poses in the frame {train.target!r}", f"{test.target!r}", "bring them to one frame")
-    apart_mm = np.linalg.norm(test.position_mm[:, None] - train.position_mm[None], axis=-1)
-    cosine = test.forward @ train.forward.T
-    return ((apart_mm < NEIGHBOUR_MM) & (cosine > np.cos(np.deg2rad(NEIGHBOUR_DEG)))).any(axis=1)
 
 
 def check_no_neighbours(train: Pose, test: Pose) -> None:

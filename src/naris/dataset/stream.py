@@ -105,6 +105,7 @@ class ViewStream:
         intrinsics: of every view, but for `scopes`.
         seed: of everything.
         scopes: which cameras.
+        avoid: views that are to stay unseen: none is drawn near one of them (`naris.render.near`).
         threads: for rendering; one a core when None. They change no bit.
     """
 
@@ -114,6 +115,7 @@ class ViewStream:
     intrinsics: Intrinsics
     seed: int
     scopes: Scopes = ONE_SCOPE
+    avoid: Pose | None = None
     threads: int | None = None
 
     @property
@@ -124,6 +126,10 @@ class ViewStream:
     def anatomy(self) -> Anatomy:
         return self.scene.anatomy
 
+    def away_from(self, unseen: Pose) -> ViewStream:
+        """The stream without views near these (M,): what a clean test with them asks for."""
+        return replace(self, avoid=unseen)
+
     def batch(self, index: int, size: int) -> Batch:
         """Batch number `index` of `size` views; the same bits for the same seed, index and size.
 
@@ -131,7 +137,7 @@ class ViewStream:
             RegionError: if a region has no view that the distribution allows.
         """
         rng = np.random.default_rng([self.seed, index])
-        views = draw_views(self.scene, self.bank, size, rng)
+        views = draw_views(self.scene, self.bank, size, rng, self.avoid)
         looks = [self._look(rng) for _ in range(size)]
         seeds = rng.integers(2**31, size=size)
         images = np.empty((size, self.intrinsics.height, self.intrinsics.width, 3), dtype=np.uint8)

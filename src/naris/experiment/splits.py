@@ -30,8 +30,8 @@ _WORDS = {
     TRAJECTORY: _Words(
         "unseen trajectories",
         "on unseen trajectories",
-        "Test trajectories of their own; no test view has a training view within 2 mm and 15°. Texture and light are"
-        " those of the training pictures.",
+        "Test trajectories of their own; no test view has a training view within 2 mm and 15°, and views at will keep"
+        " away from them as far. Texture and light are those of the training pictures.",
         leaky=False,
     ),
     TRAJECTORY_TEXTURE: _Words(

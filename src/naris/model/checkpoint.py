@@ -158,13 +158,20 @@ def check_regions(checkpoint: Checkpoint, regions: RegionSet | RegionLabels) -> 
     """See that a model names the regions that are asked for.
 
     Raises:
-        RegionError: if it names others.
+        RegionError: if it names others, or regions with other borders.
     """
     made_for = checkpoint.subject.regions
     if (made_for.name, made_for.names) != (regions.name, tuple(regions.names)):
         raise RegionError(
             f"a model made for the {len(regions.names)} regions of {regions.name!r}",
             f"one made for the {len(made_for.names)} of {made_for.name!r} ({made_for.names[0]}, …)",
+            "train one for these regions or choose the region set that it was made for",
+        )
+    asked = regions.digest if isinstance(regions, RegionLabels) else RegionLabels.of(regions).digest
+    if None not in (asked, made_for.digest) and asked != made_for.digest:
+        raise RegionError(
+            f"a model made for these borders of {regions.name!r}",
+            "one made for regions of the same names with other borders",
             "train one for these regions or choose the region set that it was made for",
         )
 

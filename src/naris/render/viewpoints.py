@@ -22,6 +22,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
 from naris.errors import InputError, PoseError, RegionError
 from naris.render.appearance import Appearance
+from naris.render.near import neighbours
 from naris.render.scene import Scene, render
 
 POSTERIOR = (0.0, 1.0, 0.0)
@@ -195,8 +196,15 @@ def view_bank(
     return ViewBank(places, tangents, region, starts, room, distance, regions, distribution)
 
 
-def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator) -> Viewpoints:
+def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator, avoid: Pose | None = None) -> Viewpoints:
     """Draw `n` views, in random order; with a balanced distribution each region comes ⌊n/K⌋ or ⌈n/K⌉ times.
+
+    Args:
+        scene: what is seen.
+        bank: where views come from.
+        n: how many.
+        rng: of everything random.
+        avoid: views near one of these (`naris.render.near`) are drawn again, so that these stay unseen.
 
     Raises:
         RegionError: if a region has no view of the asked depth.
@@ -209,13 +217,17 @@ def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator) -
             break
         tried = np.repeat(still, tries)
         poses = _draw(bank, wanted[tried], rng)
-        good = np.flatnonzero(sees_ahead(scene, poses, bank.distribution.median_depth_mm, bank.distribution.seen))
+        fits = sees_ahead(scene, poses, bank.distribution.median_depth_mm, bank.distribution.seen)
+        if avoid is not None:
+            fits &= ~neighbours(avoid, poses)
+        good = np.flatnonzero(fits)
         matrix[tried[good]] = poses.matrix[good]
         still = np.setdiff1d(still, tried[good], assume_unique=False)
     if len(still):
         names = sorted({bank.regions.names[k] if k >= 0 else "the lumen" for k in wanted[still].tolist()})
         raise RegionError(
-            f"views with a median depth of {bank.distribution.median_depth_mm} mm or more in {', '.join(names)}",
+            f"views with a median depth of {bank.distribution.median_depth_mm} mm or more in {', '.join(names)}"
+            + ("" if avoid is None else ", away from those to avoid"),
             f"none in {sum(_TRIES)} tries",
             "lower the depth or merge the region with a neighbour",
         )

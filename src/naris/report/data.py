@@ -188,7 +188,7 @@ class NetworkResult:
 
     @property
     def at_will(self) -> bool:
-        """Whether it learned from views drawn anew: then it has no training pictures that a test could be near to."""
+        """Whether it learned from views drawn anew, not from the training pictures."""
         return self.key.endswith("at_will")
 
     def test(self, split: str) -> TestResult | None:
