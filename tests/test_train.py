@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -23,9 +24,10 @@ from naris.core.pose import Pose
 from naris.dataset.layout import RegionLabels
 from naris.dataset.stream import Batch
 from naris.errors import CheckpointError, ConfigurationChanged, DatasetError, InputError
+from naris.locate import views_of
 from naris.model.checkpoint import Subject, load_checkpoint
 from naris.model.compact import CompactConfig
-from naris.model.localizer import open_localizer
+from naris.model.localizer import fitted, open_localizer
 from naris.model.two_layer import TwoLayerConfig
 from naris.train import COMPACT_AT_WILL, COMPACT_FEW, PUBLISHED, Examples, Replay, TrainConfig, train, train_runs
 from naris.train.augment import FEW_PICTURES, Augmentation, augment
@@ -234,6 +236,99 @@ def test_epochs_show_every_picture_once() -> None:
     for order in orders:
         assert np.array_equal(np.sort(order, axis=0), np.sort(examples.anatomy_T_camera.position_mm, axis=0))
     assert not np.array_equal(*orders)
+
+
+@pytest.mark.parametrize(("n", "sizes"), [(50, [16, 16, 16, 2]), (33, [16, 17]), (17, [17]), (2, [2]), (16, [16])])
+def test_no_lesson_has_a_picture_alone(n: int, sizes: list[int]) -> None:
+    config = QUICK.with_(batch=16)
+    lessons = FixedLessons(_examples(n), config)
+    shown = [lessons.lesson(i) for i in range(lessons.per_epoch)]
+    assert [len(lesson.region) for lesson in shown] == sizes
+    places = np.concatenate([lesson.pose[:, :3, 3] for lesson in shown])
+    assert len(np.unique(places, axis=0)) == n
+
+
+def test_the_published_epoch_is_64_lessons_the_last_of_10() -> None:
+    lessons = FixedLessons(_examples(1270), PUBLISHED.with_(network=TwoLayerConfig(24)))
+    assert lessons.per_epoch == 64
+    assert [len(lessons.lesson(i).region) for i in (0, 62, 63, 64)] == [20, 20, 10, 20]
+
+
+def test_a_set_that_leaves_one_picture_over_is_learned_from(tmp_path: Path) -> None:
+    run = train(_examples(17), QUICK.lasting(epochs=2), tmp_path)
+    assert (run.steps, run.pictures) == (2, 34)
+    with pytest.raises(DatasetError, match="at least 2 pictures"):
+        train(_examples(1), QUICK, tmp_path / "one")
+
+
+@pytest.mark.parametrize(("width", "height"), [(40, 24), (24, 40), (24, 24)])
+def test_training_and_locating_see_the_same_square(width: int, height: int) -> None:
+    """The middle of the picture, never squeezed, with the rays that the checkpoint's camera says."""
+    camera = Intrinsics.from_vertical_fov(width, height, 45.0)
+    rng = np.random.default_rng(0)
+    images = cv2.GaussianBlur(rng.integers(30, 255, (height, width, 36)).astype(np.float32), (0, 0), 2.0)
+    images = images.astype(np.uint8).reshape(height, width, 12, 3).transpose(2, 0, 1, 3).copy()
+    examples = _examples(12)
+    examples = replace(examples, images=images, subject=replace(examples.subject, intrinsics=camera))
+    expected = fitted(images, 16)
+    (order,) = [np.random.default_rng([0, 1, 0]).permutation(12)]
+    for augmentation in (None, Augmentation()):
+        config = QUICK.with_(batch=12, augmentation=augmentation, strangers=0.0)
+        lessons = FixedLessons(examples, config)
+        off = lessons.lesson(0).images.astype(int) - expected[order]
+        assert np.abs(off).max() <= (0 if augmentation is None else 14)
+    made_for = lessons.subject.intrinsics
+    assert (made_for.width, made_for.height) == (24, 24)
+    assert (made_for.fx, made_for.fy) == (camera.fx, camera.fy)
+    for image, square in zip(images, expected, strict=True):
+        (plain,) = views_of(image, 16, made_for)
+        assert np.array_equal(plain, square)
+        (matched,) = views_of(image, 16, made_for, camera)
+        assert np.abs(matched.astype(int) - square)[1:-1, 1:-1].mean() < 2  # at the edge black shines in
+
+
+@pytest.mark.parametrize(("width", "height", "aspect"), [(96, 64, 1.0), (64, 96, 1.0), (64, 64, 1.2)])
+def test_a_turned_camera_of_any_shape_sees_the_same_directions(width: int, height: int, aspect: float) -> None:
+    """A bright dot in a picture or of pixels that are not square is where the checkpoint's camera says."""
+    camera = Intrinsics.from_vertical_fov(width, height, 45.0)
+    camera = replace(camera, fx=camera.fy * aspect)
+    images = np.zeros((20, height, width, 3), np.uint8)
+    column, row = width // 2 + 9, height // 2 - 7
+    images[:, row - 1 : row + 2, column - 1 : column + 2] = 255
+    examples = _examples(20)
+    examples = replace(examples, images=images, subject=replace(examples.subject, intrinsics=camera))
+    only_turn = Augmentation(turn_deg=3.0, roll_deg=20.0)
+    config = QUICK.with_(batch=20, augmentation=only_turn, strangers=0.0, network=replace(TINY, input_px=48))
+    lessons = FixedLessons(examples, config)
+    lesson = lessons.lesson(0)
+    order = np.random.default_rng([0, 1, 0]).permutation(20)
+    turn = np.swapaxes(examples.anatomy_T_camera.matrix[order, :3, :3], 1, 2) @ lesson.pose[:, :3, :3]
+    small, direction = lessons.subject.intrinsics.resized(48, 48), camera.unproject(np.array([column, row], float))
+    for picture, rotation in zip(lesson.images, turn, strict=True):
+        (pixel,), _ = small.project((direction @ rotation)[None])
+        weight = picture[..., 0].astype(float)
+        v, u = np.mgrid[0:48, 0:48]
+        found = np.array([(u * weight).sum(), (v * weight).sum()]) / weight.sum()
+        assert np.linalg.norm(found - pixel) < 0.7
+
+
+def test_a_stream_of_tall_pictures_is_seen_through_its_middle() -> None:
+    stream = _BarStream()
+    stream.intrinsics = Intrinsics.from_vertical_fov(24, 40, 60.0)
+    tall = _views(8, 1)
+    images = np.pad(tall.images, ((0, 0), (8, 8), (0, 0), (0, 0)))
+    stream.batch = lambda index, size: replace(tall, images=images, vertical_fov_deg=np.full(8, 60.0))  # type: ignore[method-assign]
+    config = COMPACT_AT_WILL.lasting(steps=1).with_(network=TINY, batch=8, replay=None, strangers=0.0)
+    lessons = StreamLessons(stream, config.with_(augmentation=None))
+    assert np.array_equal(lessons.lesson(0).images, fitted(tall.images, 16))
+    made_for = lessons.subject.intrinsics
+    assert (made_for.width, made_for.height, made_for.fy) == (24, 24, stream.intrinsics.fy)
+    # The very changes of a stream of square pictures through that camera.
+    changed = StreamLessons(stream, config).lesson(0)
+    square = _BarStream()
+    square.intrinsics = made_for
+    square.batch = lambda index, size: replace(tall, vertical_fov_deg=np.full(8, made_for.vertical_fov_deg))  # type: ignore[method-assign]
+    assert np.abs(StreamLessons(square, config).lesson(0).images.astype(int) - changed.images).max() <= 1
 
 
 def test_a_stream_is_rendered_once_and_forgotten() -> None:

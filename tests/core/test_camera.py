@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from naris.core.camera import Brown, Fisheye, Intrinsics, Pinhole
+from naris.core.camera import Brown, Fisheye, Intrinsics, Pinhole, middle_square
 from naris.errors import InputError
 
 SMALL = st.floats(-0.05, 0.05)
@@ -134,6 +134,21 @@ def test_resizing_keeps_the_edges(camera: Intrinsics) -> None:
     smaller = camera.resized(camera.width // 2, camera.height // 2)
     edges = np.array([[-0.5, -0.5], [camera.width - 0.5, camera.height - 0.5]])
     np.testing.assert_allclose(smaller.unproject((edges + 0.5) / 2 - 0.5), camera.unproject(edges), atol=1e-6)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_cropping_keeps_the_rays(camera: Intrinsics) -> None:
+    pixels = np.array([[30.0, 40.0], [60.0, 45.0]])
+    part = camera.cropped(20, 10, 50, 60)
+    assert (part.width, part.height) == (50, 60)
+    np.testing.assert_allclose(part.unproject(pixels - [20, 10]), camera.unproject(pixels), atol=1e-9)
+    assert camera.squared().width == camera.squared().height == min(camera.width, camera.height)
+    assert camera.squared().squared() == camera.squared()
+
+
+@pytest.mark.parametrize(("width", "height", "place"), [(7, 4, (1, 0, 4)), (4, 9, (0, 2, 4)), (5, 5, (0, 0, 5))])
+def test_the_square_in_the_middle(width: int, height: int, place: tuple[int, int, int]) -> None:
+    assert middle_square(width, height) == place
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ OpenCV's `fisheye`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -168,12 +168,27 @@ class Intrinsics:
         v, u = np.mgrid[0 : self.height, 0 : self.width].astype(np.float64)
         return self.unproject(np.stack([u, v], axis=-1))
 
+    def cropped(self, left: int, top: int, width: int, height: int) -> Intrinsics:
+        """For a part of the same picture, given by its upper left pixel and its size in pixels."""
+        return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
+
+    def squared(self) -> Intrinsics:
+        """For the square in the middle of the same picture (`middle_square`); of a square picture the same."""
+        left, top, edge = middle_square(self.width, self.height)
+        return self if self.width == self.height else self.cropped(left, top, edge, edge)
+
     def resized(self, width: int, height: int) -> Intrinsics:
         """For the same picture resampled to another size (edges stay edges)."""
         sx, sy = width / self.width, height / self.height
         return Intrinsics(
             width, height, self.fx * sx, self.fy * sy, (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5, self.lens
         )
+
+
+def middle_square(width: int, height: int) -> tuple[int, int, int]:
+    """Left, top and edge, in pixels, of the largest square in the middle of a picture of that size."""
+    edge = min(width, height)
+    return (width - edge) // 2, (height - edge) // 2, edge
 
 
 def _newton_inverse(

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from naris.core.camera import Intrinsics
+from naris.core.camera import Intrinsics, middle_square
+from naris.model.localizer import fitted
 
 _DARK = 14  # grey levels: a black frame after video compression, blurred over a few pixels
 _DETECT_PX = 256
@@ -51,8 +52,7 @@ def visible_area(image: UInt8[np.ndarray, "h w 3"]) -> VisibleArea:
     hull = _hull(cv2.erode(bright.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
     kind = "whole" if hull is None else _kind(hull)
     if hull is None or kind == "whole":
-        size = min(height, width)
-        middle = ((width - size) // 2, (height - size) // 2, size)
+        middle = middle_square(width, height)
         return VisibleArea(middle, middle, "whole")
     column, row, half = _largest_square(hull)
     size = min(int((2 * half - 1) / scale), height, width)
@@ -76,14 +76,14 @@ def views_of(
     """
     if intrinsics is None:
         area = visible_area(image)
-        return [_resized(_cut(image, square), size_px) for square in dict.fromkeys((area.inner, area.outer))]
+        return [fitted(_cut(image, square)[None], size_px)[0] for square in dict.fromkeys((area.inner, area.outer))]
     finer = made_for.resized(_FINER * size_px, _FINER * size_px)
     found = intrinsics.resized(image.shape[1], image.shape[0])
     pixels, inside = found.project(finer.rays())
     pixels = np.where(inside[..., None], pixels, -10.0).astype(np.float32)
     shrunk, pixels = _not_finer(image, pixels)
     seen = cv2.remap(shrunk, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    return [_resized(seen, size_px)]
+    return [fitted(seen[None], size_px)[0]]
 
 
 def _cut(image: UInt8[np.ndarray, "h w 3"], square: tuple[int, int, int]) -> UInt8[np.ndarray, "s s 3"]:
@@ -101,11 +101,6 @@ def _around(hull: Bool[np.ndarray, "h w"], scale: float) -> tuple[int, int, int]
     (x, y), radius = cv2.minEnclosingCircle(cv2.findNonZero(hull.astype(np.uint8)))
     size = 2 * (radius + 0.5) / scale
     return round((x + 0.5) / scale - size / 2), round((y + 0.5) / scale - size / 2), round(size)
-
-
-def _resized(square: UInt8[np.ndarray, "s s 3"], size_px: int) -> UInt8[np.ndarray, "{size_px} {size_px} 3"]:
-    how = cv2.INTER_AREA if square.shape[0] > size_px else cv2.INTER_LINEAR
-    return cv2.resize(square, (size_px, size_px), interpolation=how)
 
 
 def _not_finer(

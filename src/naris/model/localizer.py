@@ -14,6 +14,7 @@ from jaxtyping import Float, Float32, UInt8
 from torch import nn
 
 from naris.core.anatomy import RegionSet
+from naris.core.camera import middle_square
 from naris.core.pose import CAMERA, Pose
 from naris.core.provenance import plain
 from naris.core.results import Prediction
@@ -69,7 +70,7 @@ class Localizer:
         return input_px(network_config(self.checkpoint))
 
     def outputs(self, images: UInt8[np.ndarray, "n h w 3"], threads: int | None = None) -> Outputs:
-        """What the network says about RGB pictures, which are resized to its input if they are of another size."""
+        """What the network says about RGB pictures, of which it sees the square in the middle (`fitted`)."""
         with limited(threads):
             return run(self.network, fitted(images, self.input_px))
 
@@ -201,11 +202,24 @@ def weighed(
     return np.logaddexp(known, unknown), strange
 
 
+def squared(images: UInt8[np.ndarray, "n h w 3"]) -> UInt8[np.ndarray, "n s s 3"]:
+    """The largest square in the middle of each picture; `Intrinsics.squared` is its camera."""
+    height, width = images.shape[1:3]
+    left, top, edge = middle_square(width, height)
+    if width == height:
+        return images
+    return np.ascontiguousarray(images[:, top : top + edge, left : left + edge])
+
+
 def fitted(images: UInt8[np.ndarray, "n h w 3"], size_px: int) -> UInt8[np.ndarray, "n {size_px} {size_px} 3"]:
-    """Pictures resized to a square: by area where they shrink, so that nothing is skipped, else bilinear."""
+    """Pictures as a network sees them, in training and at work: the square in the middle, resized and never squeezed.
+
+    Resized by area where it shrinks, so that nothing is skipped, else bilinear.
+    """
+    images = squared(images)
     if images.shape[1:3] == (size_px, size_px):
         return images
-    how = cv2.INTER_AREA if min(images.shape[1:3]) > size_px else cv2.INTER_LINEAR
+    how = cv2.INTER_AREA if images.shape[1] > size_px else cv2.INTER_LINEAR
     out = np.empty((len(images), size_px, size_px, 3), np.uint8)
     for picture, into in zip(images, out, strict=True):
         into[:] = cv2.resize(picture, (size_px, size_px), interpolation=how)

@@ -92,24 +92,33 @@ class _Draws:
 
 
 def augment(
-    images: UInt8[np.ndarray, "b h w 3"],
+    images: UInt8[np.ndarray, "b s s 3"],
     vertical_fov_deg: Float[np.ndarray, "b"],
     size_px: int,
     augmentation: Augmentation,
     rng: np.random.Generator,
+    aspect: float = 1.0,
 ) -> tuple[UInt8[np.ndarray, "b {size_px} {size_px} 3"], Float[np.ndarray, "b 3 3"]]:
-    """Pictures of pinhole cameras with square pixels and a centred axis, changed and resized to a square.
+    """Square pictures of pinhole cameras with a centred axis, changed and resized.
+
+    Args:
+        images: as many pixels wide as high (`naris.model.localizer.squared`).
+        vertical_fov_deg: of each.
+        size_px: edge of the new pictures.
+        augmentation: how far they are changed.
+        rng: for the changes.
+        aspect: fx / fy of the cameras, 1 where pixels are square.
 
     Returns:
         the pictures, and for each the rotation R of its new camera in the old one: the new pose is
         `anatomy_T_camera · R`.
     """
     draws = _draw(len(images), augmentation, rng)
-    height, width = images.shape[1:3]
-    focal = height / 2 / np.tan(np.deg2rad(vertical_fov_deg) / 2)
+    edge = images.shape[1]
+    focal = edge / 2 / np.tan(np.deg2rad(vertical_fov_deg) / 2)
     maps = np.stack(
         [
-            _map(draws.turn[i], float(focal[i]), (height, width), size_px, float(draws.zoom[i]))
+            _map(draws.turn[i], np.array([float(focal[i]) * aspect, focal[i]]), edge, size_px, float(draws.zoom[i]))
             for i in range(len(images))
         ]
     ).astype(np.float32)
@@ -146,14 +155,14 @@ def _draw(n: int, a: Augmentation, rng: np.random.Generator) -> _Draws:
 
 
 def _map(
-    turn: Float[np.ndarray, "3 3"], focal_px: float, size: tuple[int, int], out_px: int, zoom: float
+    turn: Float[np.ndarray, "3 3"], focal_px: Float[np.ndarray, "2"], edge_px: int, out_px: int, zoom: float
 ) -> Float[np.ndarray, "3 3"]:
-    """Homogeneous pixels of the new picture to those of the old one."""
-    height, width = size
-    old = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
-    new_focal = focal_px * zoom * out_px / min(size)
+    """Homogeneous pixels of the new picture to those of the old one; focal lengths across and down."""
+    middle = (edge_px - 1) / 2
+    old = np.array([[focal_px[0], 0, middle], [0, focal_px[1], middle], [0, 0, 1]])
+    fx, fy = focal_px * zoom * out_px / edge_px
     middle = (out_px - 1) / 2
-    back = np.array([[1 / new_focal, 0, -middle / new_focal], [0, 1 / new_focal, -middle / new_focal], [0, 0, 1]])
+    back = np.array([[1 / fx, 0, -middle / fx], [0, 1 / fy, -middle / fy], [0, 0, 1]])
     return old @ turn @ back
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -18,7 +18,7 @@ from naris.dataset.read import Dataset
 from naris.dataset.stream import Batch
 from naris.errors import DatasetError
 from naris.model.checkpoint import Subject
-from naris.model.localizer import fitted, input_px
+from naris.model.localizer import fitted, input_px, squared
 from naris.train.augment import augment
 from naris.train.config import Replay, TrainConfig
 from naris.train.strangers import strangers
@@ -140,26 +140,37 @@ class Lessons(Protocol):
 
 
 class FixedLessons:
-    """From a fixed set: every picture once in each epoch, in an order of its own."""
+    """From a fixed set: every picture once in each epoch, in an order of its own.
+
+    A lesson has `config.batch` pictures, the last of an epoch those that are left; one that is left alone joins the
+    lesson before, because the network is normalised over a lesson and one picture has no spread.
+
+    Raises:
+        DatasetError: if there is only one picture.
+    """
 
     def __init__(self, examples: Examples, config: TrainConfig) -> None:
+        if len(examples) < 2:
+            raise DatasetError("at least 2 pictures to learn from", f"{len(examples)}", "make a larger data set")
         self.examples, self.config = examples, config
-        self.subject = examples.subject
+        intrinsics = examples.subject.intrinsics.squared()
+        self.subject = replace(examples.subject, intrinsics=intrinsics)
         size = input_px(config.network)
-        images = examples.images
-        if config.augmentation is not None and min(images.shape[1:3]) > _MARGIN * size:
+        images = squared(examples.images)
+        if config.augmentation is not None and images.shape[1] > _MARGIN * size:
             images = fitted(images, round(_MARGIN * size))
         elif config.augmentation is None:
             images = fitted(images, size)
         self._images = images
-        self._fov_deg = np.full(config.batch, examples.subject.intrinsics.vertical_fov_deg)
+        self._fov_deg = np.full(config.batch + 1, intrinsics.vertical_fov_deg)
         self.identity = digest(
             [examples.subject.to_json(), examples.images, examples.region, examples.anatomy_T_camera.matrix]
         )
 
     @property
     def per_epoch(self) -> int:
-        return -(-len(self.examples) // self.config.batch)
+        whole, left = divmod(len(self.examples), self.config.batch)
+        return max(whole + (left > 1), 1)
 
     def positions_mm(self) -> Float[np.ndarray, "n 3"]:
         return self.examples.anatomy_T_camera.position_mm
@@ -167,10 +178,12 @@ class FixedLessons:
     def lesson(self, step: int) -> Lesson:
         epoch, place = divmod(step, self.per_epoch)
         order = np.random.default_rng([self.config.seed, _ORDER, epoch]).permutation(len(self.examples))
-        chosen = order[place * self.config.batch : (place + 1) * self.config.batch]
+        is_last = place == self.per_epoch - 1
+        chosen = order[place * self.config.batch : None if is_last else (place + 1) * self.config.batch]
         pose = self.examples.anatomy_T_camera.matrix[chosen]
         fov_deg = self._fov_deg[: len(chosen)]
-        return _changed(self._images[chosen], self.examples.region[chosen], pose, fov_deg, self.config, step)
+        shown = _Shown(self._images[chosen], self.examples.region[chosen], pose, fov_deg, self.subject.intrinsics)
+        return _changed(shown, self.config, step)
 
 
 class StreamLessons:
@@ -178,7 +191,7 @@ class StreamLessons:
 
     def __init__(self, stream: Stream, config: TrainConfig) -> None:
         self.stream, self.config = stream, config
-        self.subject = Subject.of(stream.anatomy, stream.regions, stream.intrinsics)
+        self.subject = Subject.of(stream.anatomy, stream.regions, stream.intrinsics.squared())
         self._replay = config.replay or Replay(times=1, memory=1)
         self._known: dict[int, Batch] = {}
         self.identity = digest([self.subject.to_json(), stream_description(stream)])
@@ -209,7 +222,15 @@ class StreamLessons:
         region = np.array([batch.region[r] for batch, r in pick])
         pose = np.stack([batch.anatomy_T_camera.matrix[r] for batch, r in pick])
         fov_deg = np.array([batch.vertical_fov_deg[r] for batch, r in pick])
-        return _changed(images, region, pose, fov_deg, self.config, step)
+        shown = _Shown(squared(images), region, pose, self._squared_fov_deg(fov_deg), self.subject.intrinsics)
+        return _changed(shown, self.config, step)
+
+    def _squared_fov_deg(self, fov_deg: Float[np.ndarray, "b"]) -> Float[np.ndarray, "b"]:
+        """Vertical angles of the squares in the middle of the stream's pictures, from those of the whole pictures."""
+        whole, part = self.stream.intrinsics.height, self.subject.intrinsics.height
+        if part == whole:
+            return fov_deg
+        return np.rad2deg(2 * np.arctan(np.tan(np.deg2rad(fov_deg) / 2) * part / whole))
 
     def _batch(self, index: int) -> Batch:
         if index not in self._known:
@@ -260,19 +281,25 @@ def stream_description(stream: Stream) -> dict[str, object]:
     return {"kind": type(stream).__name__, "views": views, **settings}
 
 
-def _changed(
-    images: UInt8[np.ndarray, "b h w 3"],
-    region: Int[np.ndarray, "b"],
-    pose: Float[np.ndarray, "b 4 4"],
-    fov_deg: Float[np.ndarray, "b"],
-    config: TrainConfig,
-    step: int,
-) -> Lesson:
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Square pictures as they are kept, their truth, the vertical angle of each and the camera that they are of."""
+
+    images: UInt8[np.ndarray, "b s s 3"]
+    region: Int[np.ndarray, "b"]
+    pose: Float[np.ndarray, "b 4 4"]
+    fov_deg: Float[np.ndarray, "b"]
+    intrinsics: Intrinsics
+
+
+def _changed(shown: _Shown, config: TrainConfig, step: int) -> Lesson:
     """A lesson from pictures as they are kept: augmented, resized, with strangers behind."""
     size = input_px(config.network)
+    images, pose = shown.images, shown.pose
     if config.augmentation is not None:
         rng = np.random.default_rng([config.seed, _CHANGE, step])
-        images, turn = augment(images, fov_deg, size, config.augmentation, rng)
+        aspect = shown.intrinsics.fx / shown.intrinsics.fy
+        images, turn = augment(images, shown.fov_deg, size, config.augmentation, rng, aspect)
         pose = pose.copy()
         pose[:, :3, :3] = pose[:, :3, :3] @ turn
     else:
@@ -281,4 +308,4 @@ def _changed(
     if count:
         rng = np.random.default_rng([config.seed, _STRANGE, step])
         images = np.concatenate([images, strangers(count, size, images, rng)])
-    return Lesson(images, region, pose)
+    return Lesson(images, shown.region, pose)
