@@ -278,7 +278,10 @@ def stream_description(stream: Stream) -> dict[str, object]:
     names = ("appearance", "seed", "scopes", "intrinsics")
     settings = {name: getattr(stream, name) for name in names if hasattr(stream, name)}
     views = getattr(getattr(stream, "bank", None), "distribution", None)
-    return {"kind": type(stream).__name__, "views": views, **settings}
+    avoid: Pose | None = getattr(stream, "avoid", None)
+    passages = [[passage.name, passage.points_mm] for passage in stream.anatomy.passages]
+    away = None if avoid is None else avoid.matrix
+    return {"kind": type(stream).__name__, "views": views, "passages": passages, "avoid": away, **settings}
 
 
 @dataclass(frozen=True, eq=False)
