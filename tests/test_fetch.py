@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import http.client
 import json
 import os
 import socket
+import ssl
 import subprocess
 import sys
 import threading
@@ -145,6 +148,43 @@ def test_a_broken_connection_goes_on_where_it_stopped(tmp_path, reset) -> None:
     assert big[0] is None and len(big) == 3
     assert all(int(wanted.removeprefix("bytes=").removesuffix("-")) > 0 for wanted in big[1:])
     assert counter.done == counter.total
+
+
+@pytest.mark.parametrize(
+    "failure",
+    [
+        OSError(errno.EHOSTUNREACH, "No route to host"),
+        OSError(errno.ENETUNREACH, "Network is unreachable"),
+        ssl.SSLError(1, "[SSL: DECRYPTION_FAILED_OR_BAD_RECORD_MAC] decryption failed or bad record mac"),
+    ],
+    ids=["no route", "no network", "TLS"],
+)
+def test_a_network_that_goes_away_within_a_file_is_tried_again(tmp_path, monkeypatch, failure: OSError) -> None:
+    class Fading(http.client.HTTPResponse):
+        """The first answer brings one piece and fails."""
+
+        began = False
+
+        def read1(self, n: int = -1) -> bytes:
+            if failures and self.began:
+                raise failures.pop()
+            self.began = True
+            return super().read1(min(n, 1000))
+
+    failures = [failure]
+    monkeypatch.setattr(http.client.HTTPConnection, "response_class", Fading)
+    behaviour = Behaviour()
+    with server(behaviour) as url:
+        assert fetch(collection(url), tmp_path, FAST)[0].read_bytes() == CONTENT
+    assert behaviour.asked[1] == ("/data/big.bin", "bytes=1000-")
+
+
+def test_a_file_that_cannot_be_written_is_no_trouble_of_the_network(tmp_path) -> None:
+    behaviour = Behaviour()
+    (tmp_path / ".big.bin.part").mkdir()
+    with server(behaviour) as url, pytest.raises(IsADirectoryError):
+        fetch(collection(url), tmp_path, FAST)
+    assert len(behaviour.asked) == 1
 
 
 def test_the_next_run_goes_on_where_the_last_one_gave_up(tmp_path) -> None:

@@ -157,7 +157,10 @@ def _fetch_one(file: RemoteFile, url: str, folder: Path, config: FetchConfig, ad
                 part.unlink(missing_ok=True)
             elif error.code < 500 and error.code not in _WORTH_ANOTHER_TRY:
                 raise FetchError(f"{file.name} at {url}", problem, _CHECK) from error
-        except (urllib.error.URLError, http.client.HTTPException, TimeoutError, ConnectionError) as error:
+        except (OSError, http.client.HTTPException) as error:
+            # A connection fails in many words of the operating system and of TLS; only errors of files name one.
+            if isinstance(error, OSError) and error.filename is not None:
+                raise
             problem = str(getattr(error, "reason", "") or error) or type(error).__name__
         else:
             problem = _trouble(part, file)
