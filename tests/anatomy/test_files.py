@@ -143,6 +143,30 @@ def test_coordinates_come_out_in_lps(tmp_path, space):
     np.testing.assert_array_equal(read_surface(path, frame="RAS").vertices_mm, CUBE * [-1, -1, 1])
 
 
+@pytest.mark.parametrize("told", ["ras", "Ras", "lps"])
+def test_the_letters_of_a_patient_frame_count_in_any_case(tmp_path, told):
+    path = tmp_path / "cube.ply"
+    expected = CUBE * [-1, -1, 1] if told.lower() == "ras" else CUBE
+    for header, frame in (("", told), (f"comment SPACE={told}", None), (f"comment FRAME={told}", None)):
+        path.write_text(ply_text(CUBE, QUADS, header))
+        read = read_surface(path, frame=frame)
+        assert read.frame == "LPS"
+        np.testing.assert_array_equal(read.vertices_mm, expected)
+
+
+@pytest.mark.parametrize("told", ["LAS", "las", "RPI", "SAR"])
+def test_another_frame_of_the_patient_is_refused_and_a_name_of_its_own_is_not(tmp_path, told):
+    path = tmp_path / "cube.ply"
+    path.write_text(ply_text(CUBE, QUADS, f"comment SPACE={told}"))
+    with pytest.raises(SurfaceError, match=f"in LPS, RAS or .*got {told.upper()}"):
+        read_surface(path)
+    with pytest.raises(SurfaceError, match=told.upper()):
+        read_surface(path, frame=told)
+    assert read_surface(path, frame="LPS").frame == "LPS"
+    for name in ("mean", "phantom", "CT1", "LPSA", "LLS", "rat"):
+        assert read_surface(path, frame=name).frame == name
+
+
 def test_slicer_tags_in_stl_and_obj_headers_are_honoured(tmp_path):
     mesh = trimesh.Trimesh(box().vertices_mm, box().faces)
     stl = mesh.export(file_type="stl")

@@ -47,14 +47,15 @@ def read_surface(
 
     Args:
         path: a .ply, .stl, .obj or .vtp file.
-        frame: the frame of the coordinates in the file: `LPS`, `RAS` (turned to LPS) or a name of its own. By default
-            what the file says of itself (`SPACE=…`, as 3D Slicer writes it), and LPS if it says nothing.
+        frame: the frame of the coordinates in the file: `LPS`, `RAS` (turned to LPS), in capitals or not, or a name of
+            its own. By default what the file says of itself (`SPACE=…`, as 3D Slicer writes it), and LPS if it says
+            nothing.
         unit: of the numbers in the file: mm, cm, m, in or um.
         airspace: where the air is; by default enclosed by the surface. Between walls, several pieces may stand.
 
     Raises:
-        SurfaceError: if the file is not a mesh, or the surface is open, in several large pieces, or has an extent that
-            no nose has in this unit.
+        SurfaceError: if the file is not a mesh, its frame is one of a patient's other than LPS and RAS (such as LAS),
+            or the surface is open, in several large pieces, or has an extent that no nose has in this unit.
     """
     path = Path(path)
     if unit not in UNITS_MM:
@@ -65,7 +66,7 @@ def read_surface(
         raise SurfaceError(f"finite coordinates in {path.name}", "NaN or infinity", "repair the surface")
     vertices, faces = _tidy(path, mesh.vertices * UNITS_MM[unit], mesh.faces)
     vertices, faces = _mended(path, vertices, faces, unit, several=isinstance(airspace, Between))
-    space = frame or mesh.space or "LPS"
+    space = _frame(path, frame or mesh.space or "LPS")
     if space == "RAS":
         vertices, space = vertices * _TURN_TO_LPS, "LPS"
     source = f"{path.name} (SHA-256 {hashlib.sha256(content).hexdigest()})"
@@ -79,6 +80,20 @@ def read_surface(
             airspace=airspace or mean_nose.AIRSPACE,
         )
     return anatomy
+
+
+def _frame(path: Path, name: str) -> str:
+    """The frame of that name; three letters that say where a patient's axes point are one in capitals or not."""
+    code = name.upper()
+    if len(code) != 3 or any(len(set(code) & set(ends)) != 1 for ends in ("LR", "AP", "IS")):
+        return name
+    if code not in ("LPS", "RAS"):
+        raise SurfaceError(
+            f"coordinates of {path.name} in LPS, RAS or a frame with a name of its own",
+            f"{code}, which says where the patient's axes point",
+            "export it in LPS or RAS, or name the right frame with --frame",
+        )
+    return code
 
 
 def _content(path: Path) -> bytes:
