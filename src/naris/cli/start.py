@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import naris
 from naris.cli.console import Console, console_for
+from naris.cli.options import check_numbers
 from naris.core.atomic import to_json
 from naris.errors import InputError, NarisError
 
@@ -36,6 +37,7 @@ def start(words: Sequence[str], flags: set[str], verbs: Mapping[str, Verb]) -> i
         module = importlib.import_module(verbs[name].module)
         outcome.verb = module
         outcome.options = _options(module, name, rest)
+        check_numbers(outcome.options)
         # A library that prints must not get in the way of the answer.
         with redirect_stdout(sys.stderr):
             outcome.status = module.run(outcome.options, console)

@@ -1,0 +1,66 @@
+"""Numbers that no verb can use: one sentence and status 2, before anything is touched."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+from naris.cli import VERBS, main
+from naris.cli.options import ALLOWED, Range
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "simulate builtin -o out --seed -1",
+        "simulate builtin -o out --seed 9223372036854775808",
+        "simulate builtin -o out --workers -1",
+        "simulate builtin -o out --per-position 0",
+        "simulate builtin -o out --step-mm inf",
+        "demo -o out --seed -1",
+        "demo -o out --budget-s nan",
+        "reproduce --anatomy builtin --texture x.png -o out --seed -1",
+        "reproduce --anatomy builtin --texture x.png -o out --workers 0",
+        "bench oracle --work out --seed -1",
+        "train builtin -o out --seeds 0 -1",
+        "train builtin -o out --budget-s nan",
+        "train builtin -o out --budget-s 0",
+        "train builtin -o out --workers 0",
+        "evaluate x -d y -o out --threads -1",
+        "locate x.png -m y --threads -1",
+        "locate x.png -m y --probability nan",
+        "fetch mean-nose -o out --timeout-s -1",
+        "fetch mean-nose -o out --timeout-s 1e300",
+        "fetch mean-nose -o out --attempts 0",
+    ],
+)
+def test_a_number_out_of_range_gets_one_sentence_that_names_it(words: str, tmp_path: Path, monkeypatch, capfd) -> None:
+    monkeypatch.chdir(tmp_path)
+    option = re.findall(r"--[a-z-]+", words)[-1]
+    assert main(words.split()) == 2
+    told = capfd.readouterr()
+    assert re.fullmatch(rf"naris: expected {option} a [^\n]+, got [^\n]+; [^\n]+\n", told.err), told.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_ranges_are_of_options_that_there_are_and_allow_their_defaults() -> None:
+    known = set()
+    for verb in VERBS.values():
+        options = importlib.import_module(verb.module).Options
+        for field in dataclasses.fields(options):
+            known.add(field.name)
+            if isinstance(field.default, (int, float)):
+                assert field.default in ALLOWED.get(field.name, Range())
+    assert set(ALLOWED) <= known
+
+
+def test_locating_doubts_as_the_library_does() -> None:
+    from naris.cli.locate import Options
+    from naris.locate import Doubt
+
+    options = Options(pictures=(), model=Path("x"))
+    assert Doubt(options.out_of_domain, options.probability) == Doubt()
