@@ -160,6 +160,30 @@ def bad_words(kind: str, pictures: Path, trained: Path, folder: Path) -> list[st
     return {
         "two lengths": ["train", str(pictures), "-o", str(folder / "run"), "--epochs", "1", "--steps", "1"],
         "a seed twice": ["train", str(pictures), "-o", str(folder / "run"), "--seeds", "1", "1"],
+        "looks of a data set": ["train", str(pictures), "-o", str(folder / "run"), "--appearance", "training"],
+        "scopes of a data set": [
+            "train",
+            str(pictures),
+            "-o",
+            str(folder / "run"),
+            "--scopes",
+            "one",
+            "--views",
+            "anywhere",
+        ],
+        "field of view of a data set": ["train", str(pictures), "-o", str(folder / "run"), "--fov-deg", "45"],
+        "regions of a data set": ["train", str(pictures), "-o", str(folder / "run"), "--regions", "slabs"],
+        "runs at a time on views": [
+            "train",
+            "builtin",
+            "-o",
+            str(folder / "run"),
+            "--seeds",
+            "1",
+            "2",
+            "--workers",
+            "2",
+        ],
         "nothing to learn from": ["train", str(folder / "none"), "-o", str(folder / "run")],
     }[kind]
 
@@ -190,6 +214,11 @@ def _other_regions(pictures: Path, folder: Path) -> list[str]:
         "other regions",
         "two lengths",
         "a seed twice",
+        "looks of a data set",
+        "scopes of a data set",
+        "field of view of a data set",
+        "regions of a data set",
+        "runs at a time on views",
         "nothing to learn from",
     ],
 )

@@ -27,26 +27,30 @@ class Options:
     network: Literal["compact", "two-layer"] = "compact"
     """compact: ours, region and pose; two-layer: that of Sinha et al. 2018, regions only."""
     epochs: int | None = None
-    """Passes through a data set; by default 60 (compact) or 30 (two-layer)."""
+    """Passes through a data set; by default 60 (compact) or 30 (two-layer). On views of an anatomy, hundreds of
+    batches."""
     steps: int | None = None
     """Batches instead; by default 6000 on views of an anatomy."""
     budget_s: float | None = None
     """Seconds of training instead; how far it gets then depends on the machine."""
     seeds: tuple[int, ...] = (0,)
     """Of the initial weights and the order of the pictures; several train one run each."""
-    workers: int = 1
-    """Runs at a time on a data set, each on one thread."""
+    workers: int | None = None
+    """Runs at a time on a data set, each on one thread; one when not given. Not for views of an anatomy."""
     regions: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
-    """Region set of an anatomy to tell apart: one of its own, a JSON file, or four even slabs; by default its first."""
-    views: Literal["inspection", "anywhere"] = "inspection"
-    """Which views of an anatomy: along the passages with some depth ahead, or from any place with room."""
-    appearance: Literal["training", "unseen", "endoscope", "paper"] = "training"
-    """Look of the views of an anatomy; training: drawn for each, with texture, light, gain and noise at random."""
-    scopes: Literal["one", "many"] = "one"
-    """Cameras of the views of an anatomy; many: fields of view of 38–75 degrees, the axis a little off, for a model
-    that shall read pictures of other scopes."""
-    fov_deg: float = 45.0
-    """Vertical field of view of the one camera, in degrees."""
+    """Region set of an anatomy to tell apart: one of its own, a JSON file, or four even slabs; by default its first.
+    A data set has its own."""
+    views: Literal["inspection", "anywhere"] | None = None
+    """Which views of an anatomy: along the passages with some depth ahead (inspection, when not given), or from any
+    place with room. Not for a data set."""
+    appearance: Literal["training", "unseen", "endoscope", "paper"] | None = None
+    """Look of the views of an anatomy; training, when not given: drawn for each, with texture, light, gain and noise at
+    random. Not for a data set."""
+    scopes: Literal["one", "many"] | None = None
+    """Cameras of the views of an anatomy; one, when not given; many: fields of view of 38–75 degrees, the axis a little
+    off, for a model that shall read pictures of other scopes. Not for a data set."""
+    fov_deg: float | None = None
+    """Vertical field of view of the one camera, in degrees; 45 when not given. Not for a data set."""
 
 
 def run(options: Options, console: Console) -> int:
