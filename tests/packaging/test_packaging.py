@@ -121,15 +121,35 @@ def test_no_dependency_is_copyleft() -> None:
     assert len(seen) > 20
 
 
+REGISTRY = re.compile("index" + r"-url|find" + r"-links|pypi\.(org|python)|files\.python" + "hosted", re.IGNORECASE)
+PLACE = re.compile(
+    r"(?<![\w.~-])/(?:home|Users|root|work|workspace|tmp|var/tmp|scratch|mnt|media)/[\w.-]+|\b[A-Z]:\\+Users\b"
+)
+"""An absolute path to where somebody keeps or does things, which means nothing on another machine."""
+
+
 def test_the_files_of_the_project_name_no_machine_and_no_registry() -> None:
-    listed = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=REPOSITORY, capture_output=True, text=True, check=False)
     if listed.returncode:
         pytest.skip("not a git checkout")
-    registry = re.compile("index" + r"-url|find" + r"-links|pypi\.(org|python)|files\.python" + "hosted", re.IGNORECASE)
-    for name in listed.stdout.split():
+    read = 0
+    for name in listed.stdout.rstrip("\0").split("\0"):
         path = REPOSITORY / name
-        if path.suffix in {".py", ".toml", ".txt", ".md", ".cfg", ".sh"} or path.name in {"Makefile", "run"}:
-            assert not registry.search(path.read_text(errors="replace")), name
+        content = path.read_bytes() if path.is_file() else b""  # one that is being removed is listed still
+        if b"\0" not in content:
+            read += 1
+            for pattern in (REGISTRY, PLACE):
+                found = pattern.search(content.decode(errors="replace"))
+                assert not found, f"{name}: {found and found[0]}"
+    assert read > 200
+
+
+@pytest.mark.parametrize("folder", ["home", "Users", "root", "work", "tmp", "var/tmp", "mnt"])
+def test_a_place_on_a_machine_is_known_when_it_is_seen(folder: str) -> None:
+    for written in (f'"commit": "/{folder}/someone/data.ply"', f"see /{folder}/x", f"--out=/{folder}/run.1"):
+        assert PLACE.search(written), written
+    for written in (f"https://example.org/{folder}/x", f"~/{folder}/x", f"out/{folder}/x", f"/{folder}", "/dev/full"):
+        assert not PLACE.search(written), written
 
 
 def test_links_between_the_documents_lead_somewhere() -> None:
