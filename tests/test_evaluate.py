@@ -195,6 +195,24 @@ def test_export_is_what_the_localizer_says_and_is_read_the_second_time(tmp_path:
     assert out.stat().st_mtime_ns != stamp
 
 
+def test_poses_are_compared_in_one_frame_and_one_anatomy_only(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    dataset, model = _dataset(tmp_path / "set"), _checkpoint(0)
+    elsewhere = replace(model, subject=replace(model.subject, frame="patient"))
+    with pytest.raises(DatasetError, match="in the frame 'patient' of the model, got poses in the frame 'mean'"):
+        export(elsewhere, dataset, tmp_path / "said.npz")
+    known = replace(model, subject=replace(model.subject, anatomy_digest="a" * 64))
+    same, other = (replace(dataset, anatomy_digest=letter * 64) for letter in "ab")
+    # An anatomy that nobody recorded is taken for the same.
+    for comparable in (dataset, same):
+        assert score(export(known, comparable, tmp_path / "said.npz")).pose is not None
+    assert not caplog.records
+    said = export(known, other, tmp_path / "said.npz")
+    assert "another anatomy" in caplog.text
+    assert score(said).pose is None
+    assert np.array_equal(said.log_probabilities, export(known, same).log_probabilities)
+    assert score(export(known, other, tmp_path / "said.npz")).pose is None
+
+
 def test_a_model_of_other_regions_and_a_broken_export_are_told(tmp_path: Path) -> None:
     other = RegionLabels("halves", ("front", "back"), np.ones((2, 2), dtype=bool))
     with pytest.raises(RegionError, match="made for the 4 of 'paper'"):

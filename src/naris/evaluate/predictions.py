@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,13 @@ from naris.core.provenance import digest
 from naris.dataset.layout import RegionLabels
 from naris.dataset.read import Dataset
 from naris.errors import DatasetError
-from naris.model.checkpoint import Checkpoint, check_regions
+from naris.model.checkpoint import Checkpoint, Subject, check_regions
 from naris.model.localizer import Localizer, Outputs, open_localizer, weighed
 from naris.render.viewpoints import FREE
 
 SCHEMA = "naris.predictions/1"
+_MANNER = 2  # grows when the same model comes to say something else of the same pictures: what was kept is stale
+_log = logging.getLogger(__name__)
 _OPTIONAL = ("out_of_domain", "hypotheses", "weights", "covariance")
 
 
@@ -72,6 +75,9 @@ def export(
 ) -> Said:
     """Ask a model about every picture of a data set, or read what it said before.
 
+    Of pictures of another anatomy, the same in name and frame or not, only the regions are kept, with a notice: a pose
+    in one anatomy is no error of a pose in another. Where one of the two is unknown, they are taken for the same.
+
     Args:
         model: made for the region set of the data set.
         dataset: with the truth.
@@ -80,18 +86,23 @@ def export(
 
     Raises:
         RegionError: if the model names other regions than the data set.
-        DatasetError: if a picture lies in no region.
+        DatasetError: if a picture lies in no region, or the poses stand in another frame than those of the model.
         CheckpointError, ImageError, DiskFull: as they are read and written.
     """
     localizer = model if isinstance(model, Localizer) else open_localizer(model)
     check_regions(localizer.checkpoint, dataset.regions)
     if dataset.labels.min() < 0:
         raise DatasetError("pictures that all lie in regions", "one that lies in none", "leave it out")
+    has_poses = _same_anatomy(localizer.checkpoint.subject, dataset)
     images = dataset.images()
-    identity = digest([images, dataset.labels, dataset.anatomy_T_camera.matrix, _weights_digest(localizer.checkpoint)])
+    truth = [images, dataset.labels, dataset.anatomy_T_camera.matrix]
+    identity = digest([_MANNER, has_poses, *truth, _weights_digest(localizer.checkpoint)])
     if out is not None and out.is_file() and (known := read_said(out)).identity == identity:
         return known
-    said = _said(localizer, localizer.outputs(images, threads), dataset, identity)
+    outputs = localizer.outputs(images, threads)
+    if not has_poses:
+        outputs = replace(outputs, poses=None, weights=None, covariance=None)
+    said = _said(localizer, outputs, dataset, identity)
     if out is not None:
         _write(out, said)
     return said
@@ -131,9 +142,29 @@ def read_said(path: Path) -> Said:
         ) from error
 
 
+def _same_anatomy(subject: Subject, dataset: Dataset) -> bool:
+    """Whether poses of the model can be compared with those of the data set."""
+    frame = dataset.anatomy_T_camera.target
+    if subject.frame != frame:
+        raise DatasetError(
+            f"pictures with poses in the frame {subject.frame!r} of the model",
+            f"poses in the frame {frame!r}",
+            "evaluate on pictures of the anatomy that the model was trained on",
+        )
+    digests = (subject.anatomy_digest, dataset.anatomy_digest)
+    if None in digests or digests[0] == digests[1]:
+        return True
+    _log.warning(
+        "the pictures are of another anatomy (%s) than the model knows (%s): pose errors are left out",
+        dataset.anatomy_name or "without a name",
+        subject.anatomy,
+    )
+    return False
+
+
 def _said(localizer: Localizer, outputs: Outputs, dataset: Dataset, identity: str) -> Said:
     log_probabilities, strange = weighed(outputs, localizer.checkpoint.calibration)
-    frame = dataset.anatomy_T_camera.target
+    frame = localizer.checkpoint.subject.frame
     settings = localizer.checkpoint.training.get("settings", {})
     return Said(
         dataset.regions,

@@ -87,7 +87,7 @@ class Score:
         confusion: (K, K) counts, true region by row, answer by column.
         nonneighbour_error: share of the wrong answers that name a region which does not touch the true one.
         reliability: of the stated probabilities.
-        pose: None for a model without a pose head.
+        pose: None for a model without a pose head, or of another anatomy than the pictures show.
         refused: share of the pictures that the model says are none of its world; None if it does not judge.
     """
 
