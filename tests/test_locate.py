@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -23,7 +24,17 @@ from naris.locate import Doubt, is_localised, locate, read_picture, views_of, vi
 from naris.model.calibration import Calibration, fit_usual
 from naris.model.checkpoint import Checkpoint, Subject, save_checkpoint
 from naris.model.compact import CompactConfig, to_input
-from naris.model.localizer import Localizer, build, config_json, fitted, open_localizer, weights_of
+from naris.model.localizer import (
+    Localizer,
+    Outputs,
+    build,
+    config_json,
+    fitted,
+    open_localizer,
+    predictions,
+    weights_of,
+)
+from naris.model.two_layer import TwoLayerConfig
 from tests.conftest import shared_file
 
 SLABS = SlabRegions("paper", ("a", "b", "c"), "mean", 1, (-30.0, 0.0))
@@ -224,6 +235,33 @@ def test_a_known_camera_is_matched_ray_by_ray(lens: Lens) -> None:
         found = np.array([(column * weight).sum(), (row * weight).sum()]) / weight.sum()
         expected, _ = CAMERA.resized(120, 120).project(np.array([direction]))
         assert np.linalg.norm(found - expected) < 1.0
+
+
+def test_intrinsics_of_a_picture_of_another_shape_are_refused(localizer: Localizer) -> None:
+    camera = Intrinsics.from_vertical_fov(1920, 1080, 60.0)
+    with pytest.raises(ImageError, match=r"shape 1920×1080 .*, got 108×108"):
+        locate([_colours(108, 108)], localizer, intrinsics=camera)
+    for width in (192, 193):  # the same picture made smaller, rounded
+        assert len(locate([_colours(108, width)], localizer, intrinsics=camera)) == 1
+
+
+def test_a_domain_head_judges_without_a_calibration_and_no_head_judges_nothing(localizer: Localizer) -> None:
+    checkpoint = replace(localizer.checkpoint, calibration=Calibration())
+    logit = np.array([9.0, 0.0, -9.0], np.float32)
+    outputs = Outputs(np.tile(np.array([[4.0, 0, 0]], np.float32), (3, 1)), np.zeros((3, 12), np.float32), logit)
+    known, torn, strange = predictions(outputs, checkpoint)
+    assert [known.out_of_domain, torn.out_of_domain] == pytest.approx([1 / (1 + np.exp(9)), 0.5])
+    assert is_localised(known)
+    assert strange.out_of_domain > 0.99
+    assert strange.region == 0
+    assert not is_localised(strange, Doubt(probability=0.0))
+    assert all(p.out_of_domain is None for p in predictions(replace(outputs, domain_logit=None), checkpoint))
+    (judged,) = open_localizer(checkpoint).predict(_colours(48, 48)[None])
+    assert 0 < judged.out_of_domain < 1
+    config = TwoLayerConfig(16)
+    weights = weights_of(build(config, 3))
+    two_layer = Checkpoint("two-layer", config_json(config), checkpoint.subject, weights)
+    assert open_localizer(two_layer).predict(_colours(16, 16)[None])[0].out_of_domain is None
 
 
 def test_files_and_arrays_give_the_same_answers(tmp_path: Path, localizer: Localizer) -> None:

@@ -23,8 +23,9 @@ class Doubt:
     """When the honest answer is `not localised`.
 
     Attributes:
-        out_of_domain: a picture that scores this or more is not of the world that the network knows. At 0.5 about one
-            in two hundred of the network's own pictures is refused.
+        out_of_domain: a picture that scores this or more is not of the world that the network knows. Two scores
+            count, the worse one: at 0.5 each refuses one in two hundred of the network's own pictures where it is
+            calibrated, so both together up to one in a hundred.
         probability: the most probable region must be at least so probable. Where the probabilities are calibrated, at
             most three answers in ten are wrong just above the default, and far fewer on the whole.
     """
@@ -53,7 +54,8 @@ def locate(
         threads: for torch meanwhile; None leaves its number.
 
     Raises:
-        ImageError: if a file is no picture or is too small or too large; nothing is answered for the others.
+        ImageError: if a file is no picture, is too small or too large, or has not the shape of the pictures that the
+            intrinsics are for; nothing is answered for the others.
         CheckpointError: if the model cannot be read.
         RegionError: if it names other regions.
     """

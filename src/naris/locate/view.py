@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from naris.core.camera import Intrinsics, middle_square
+from naris.errors import ImageError
 from naris.model.localizer import fitted
 
 _DARK = 14  # grey levels: a black frame after video compression, blurred over a few pixels
@@ -25,6 +26,7 @@ _SMALLEST = 0.2
 _BAR = 0.02
 _OFF_CENTRE = 0.04
 _FINER = 3
+_OTHER_SHAPE = 0.01  # of the ratio of width to height: more than rounding after resizing
 
 
 @dataclass(frozen=True)
@@ -73,12 +75,23 @@ def views_of(
         made_for: the camera of the network's training.
         intrinsics: of the picture's camera, lens and all; the rays of the two cameras are then matched, and what the
             picture does not show is black. Without, the visible area is taken whatever its angle is.
+
+    Raises:
+        ImageError: if the picture has not the shape of those that the intrinsics are for.
     """
     if intrinsics is None:
         area = visible_area(image)
         return [fitted(_cut(image, square)[None], size_px)[0] for square in dict.fromkeys((area.inner, area.outer))]
+    height, width = image.shape[:2]
+    if abs(width * intrinsics.height / (height * intrinsics.width) - 1) > _OTHER_SHAPE:
+        # A part of the camera's picture: which one, and with it every ray, would be a guess.
+        raise ImageError(
+            f"a picture of the shape {intrinsics.width}×{intrinsics.height} that the intrinsics are for",
+            f"{width}×{height}",
+            "give the intrinsics of this very picture, or none",
+        )
     finer = made_for.resized(_FINER * size_px, _FINER * size_px)
-    found = intrinsics.resized(image.shape[1], image.shape[0])
+    found = intrinsics.resized(width, height)
     pixels, inside = found.project(finer.rays())
     pixels = np.where(inside[..., None], pixels, -10.0).astype(np.float32)
     shrunk, pixels = _not_finer(image, pixels)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, UInt8
+from scipy.special import expit
 from torch import nn
 
 from naris.core.anatomy import RegionSet
@@ -185,16 +186,22 @@ def predictions(outputs: Outputs, checkpoint: Checkpoint) -> list[Prediction]:
 def weighed(
     outputs: Outputs, calibration: Calibration
 ) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n"] | None]:
-    """Log-probabilities as they should be stated, and the out-of-domain scores if the calibration has them.
+    """Log-probabilities as they should be stated, and the out-of-domain scores if the network can judge.
+
+    Where no usual pictures were kept apart to say what a score means, the word of the network's domain head stands as
+    it is: the score is the probability that it gives to a stranger. A network without that head then judges nothing.
 
     A picture with score s is with probability 1 − s one that the network knows; if it is not, every region is
     equally likely: p = (1 − s) · softmax(logits / temperature) + s / K. Here s is 0.99 at most, so that the order of
     the regions, which is all that is left to go by, is not lost.
     """
     log_p = calibration.log_probabilities(outputs.logits)
-    if calibration.usual is None:
+    if calibration.usual is not None:
+        strange = calibration.usual.out_of_domain(outputs.embedding, outputs.domain_logit)
+    elif outputs.domain_logit is not None:
+        strange = expit(-outputs.domain_logit.astype(np.float64))
+    else:
         return log_p, None
-    strange = calibration.usual.out_of_domain(outputs.embedding, outputs.domain_logit)
     with np.errstate(divide="ignore"):
         share = np.minimum(strange, _STRANGEST)
         known = np.log1p(-share)[:, None] + log_p

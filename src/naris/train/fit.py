@@ -24,7 +24,7 @@ def calibrated(checkpoint: Checkpoint, lessons: Lessons, kept: Examples | None) 
 
     A stream gives fresh views for it, a fixed set the trajectories that were kept apart. Without any there is no honest
     calibration: a network knows its training pictures by heart, so their probabilities would say nothing, and every
-    other picture would look strange beside them. The temperature then stays 1 and no picture is judged.
+    other picture would look strange beside them. The temperature then stays 1 and the domain head's word as it is.
     """
     if isinstance(lessons, StreamLessons):
         return _fitted_to(checkpoint, *fresh(lessons.stream, _KEPT_PICTURES))
