@@ -13,6 +13,7 @@ import pytest
 from naris.core.anatomy import SlabRegions
 from naris.report import ReportData, ViewSet, write_report
 from naris.report.page import page
+from naris.report.sections import anatomy
 
 
 def parsed(text: str) -> ElementTree.Element:
@@ -112,6 +113,22 @@ def test_every_part_is_told(tree: ElementTree.Element, reproduce_data: ReportDat
         "one anatomy",
     ):
         assert expected in told
+
+
+@pytest.mark.parametrize(
+    ("frame", "says", "not_said"),
+    [
+        ("LPS", "x points to the left of the patient, y backwards, z upwards.", "as the file has them"),
+        ("mean", "y points from the nostril back to the nasopharynx", "of the patient"),
+        ("phantom", "axes of the frame “phantom” as the file has them", "of the patient"),
+    ],
+)
+def test_axes_are_told_as_far_as_they_are_known(bare_data: ReportData, frame: str, says: str, not_said: str) -> None:
+    view = bare_data.anatomy
+    said = anatomy(replace(bare_data, anatomy=replace(view, anatomy=view.anatomy.with_(frame=frame))))
+    caption = " ".join(said.split("<figcaption>")[1].split("</figcaption>")[0].split())
+    assert says in caption
+    assert not_said not in caption
 
 
 def test_matrices_of_every_run(tree: ElementTree.Element, reproduce_data: ReportData) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from naris.anatomy import mean_nose
 from naris.report import charts, words
 from naris.report.anatomy_figure import anatomy_figure
 from naris.report.data import LocatedFrame, ReportData, Split
@@ -33,10 +34,21 @@ def anatomy(data: ReportData) -> Markup:
         f"{view.anatomy.frame}, SHA-256 {view.anatomy.digest[:12]}…. Source: {view.anatomy.source}."
     )
     caption = (
-        f"The walls of the hollow in the colours of the region set “{view.region_set}”. In mm, x points to the left of "
-        "the patient, y backwards, z upwards."
+        f"The walls of the hollow in the colours of the region set “{view.region_set}”. In mm; "
+        f"{_axes(view.anatomy.frame)}."
     )
     return join(figure(anatomy_figure(view), caption, "wide"), element("p", facts, class_="small"))
+
+
+def _axes(frame: str) -> str:
+    """Where the axes of a frame point, as far as that is known."""
+    if frame == "LPS":
+        return "x points to the left of the patient, y backwards, z upwards"
+    if frame == mean_nose.FRAME:
+        return "y points from the nostril back to the nasopharynx, z upwards; one side of a nose, in nobody’s head"
+    return (
+        f"axes of the frame “{frame}” as the file has them, drawn as if x pointed to the left, y backwards, z upwards"
+    )
 
 
 def views(data: ReportData) -> Markup | None:
@@ -291,9 +303,9 @@ def making(data: ReportData) -> Markup:
     """Settings, seeds, timings, machine and versions: enough to make the page again."""
     parts: list[Child] = [element("pre", element("code", data.command))]
     if data.stages:
-        rows = [[s.name, s.made, words.seconds(s.wall_s), words.seconds(s.cpu_s)] for s in data.stages]
-        total = [sum(getattr(stage, field) for stage in data.stages) for field in ("wall_s", "cpu_s")]
-        rows.append(["in all", "", *(words.seconds(value) for value in total)])
+        rows = [[s.name, s.made, *map(_spent, ([s.wall_s], [s.cpu_s]))] for s in data.stages]
+        columns = [s.wall_s for s in data.stages], [s.cpu_s for s in data.stages]
+        rows.append(["in all", "", *map(_spent, columns)])
         parts.append(table(["Stage", "Made", "Wall", "CPU, all threads"], rows, "prose"))
     facts: dict[str, Any] = {"seed": data.seed, "made": data.made, "commit": data.commit or "not known"}
     parts.append(_mapping("Run", facts | {key.replace("_", " "): value for key, value in data.machine.items()}))
@@ -301,6 +313,11 @@ def making(data: ReportData) -> Markup:
         parts.append(_mapping("Versions", data.versions))
     parts += [_mapping(section, flat(values)) for section, values in data.settings.items()]
     return join(parts)
+
+
+def _spent(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return words.seconds(sum(known)) if len(known) == len(values) else "not known"
 
 
 def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
