@@ -25,7 +25,7 @@ from naris.cli.options import ALLOWED, Range
         "demo -o out --budget-s nan",
         "reproduce --anatomy builtin --texture x.png -o out --seed -1",
         "reproduce --anatomy builtin --texture x.png -o out --workers 0",
-        "bench oracle --work out --seed -1",
+        "bench render --work out --seed -1",
         "train builtin -o out --seeds 0 -1",
         "train builtin -o out --budget-s nan",
         "train builtin -o out --budget-s 0",
