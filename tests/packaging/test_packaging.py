@@ -165,3 +165,10 @@ def test_the_commands_of_the_readme_are_verbs() -> None:
     used = re.findall(r"naris ([a-z]+)(?= )", "\n".join(re.findall(r"```.*?```|`[^`]+`", README, re.DOTALL)))
     assert len(used) >= 6
     assert set(used) <= set(VERBS)
+
+
+def test_the_page_of_the_command_line_tells_every_verb_in_order() -> None:
+    from naris.cli import VERBS
+
+    page = (REPOSITORY / "docs" / "cli.md").read_text()
+    assert re.findall(r"^## ([a-z-]+)$", page, re.MULTILINE) == list(VERBS)
