@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import struct
+import zlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Fisheye, Intrinsics
@@ -144,6 +147,23 @@ def test_a_text_file_is_no_texture(tmp_path) -> None:
     (tmp_path / "a.png").write_text("not a picture")
     with pytest.raises(ImageError, match="picture"):
         TextureColours.read(tmp_path / "a.png")
+
+
+def test_a_texture_is_read_with_the_care_of_any_picture(tmp_path) -> None:
+    colours = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
+    path = tmp_path / "a.png"
+    Image.fromarray(colours).save(path)
+    assert np.array_equal(TextureColours.read(path).image, colours)
+    whole = path.read_bytes()
+    damaged = whole.replace(b"IDAT", b"IDAX")
+    bomb = whole[:16] + struct.pack(">II", 30_000, 30_000) + whole[24:29]
+    bomb += struct.pack(">I", zlib.crc32(bomb[12:29])) + whole[33:]
+    script = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 20 20\n%%EndComments\nshowpage\n%%EOF\n"
+    for content in (damaged, whole[:50], bomb, script):
+        path.write_bytes(content)
+        with pytest.raises(ImageError, match="picture") as caught:
+            TextureColours.read(path)
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -5,8 +5,8 @@
 >>> prediction.region_name, is_localised(prediction)           # doctest: +SKIP
 """
 
+from naris.core.pictures import read_picture
 from naris.locate.answer import Doubt, is_localised, locate
-from naris.locate.pictures import read_picture
 from naris.locate.view import VisibleArea, views_of, visible_area
 
 __all__ = ["Doubt", "VisibleArea", "is_localised", "locate", "read_picture", "views_of", "visible_area"]

@@ -11,8 +11,8 @@ from jaxtyping import UInt8
 
 from naris.core.anatomy import RegionSet
 from naris.core.camera import Intrinsics
+from naris.core.pictures import check_array, read_picture
 from naris.core.results import Prediction
-from naris.locate.pictures import check_array, read_picture
 from naris.locate.view import views_of
 from naris.model.checkpoint import Checkpoint
 from naris.model.localizer import Localizer, open_localizer

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from naris.errors import ImageError, InputError
+from naris.errors import InputError
 
 RGB = tuple[float, float, float]
 
@@ -44,18 +44,14 @@ class TextureColours:
 
     @staticmethod
     def read(path: Path) -> TextureColours:
-        """From a picture file.
+        """From a picture file of any common kind (`naris.core.pictures.read_picture`).
 
         Raises:
-            ImageError: if the file is not a picture.
+            ImageError: if the file is missing, no picture, damaged, or of more than 64 megapixels.
         """
-        from PIL import Image, UnidentifiedImageError
+        from naris.core.pictures import read_picture
 
-        try:
-            with Image.open(path) as picture:
-                return TextureColours(np.asarray(picture.convert("RGB")))
-        except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise ImageError("a picture for the walls", f"{path}: {error}", "give a JPEG or PNG file") from error
+        return TextureColours(read_picture(path, least_px=1))
 
     def vertex_colours(self, count: int) -> Float32[np.ndarray, "{count} 3"]:
         """The colours of vertices 0 … count − 1, 0–1."""

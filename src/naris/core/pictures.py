@@ -22,14 +22,19 @@ _FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP", "GIF", "PPM", "JPEG2000")
 _DAMAGED = (OSError, SyntaxError, ValueError, EOFError, struct.error, zlib.error, IndexError)
 
 
-def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+def read_picture(path: Path, least_px: int = LEAST_PX) -> UInt8[np.ndarray, "h w 3"]:
     """The colours of a picture, upright as its file says, 8 bits a channel.
 
     Grey pictures get three equal channels, 16 bits are cut to 8, what is transparent is black, and of an animation the
     first picture counts.
 
+    Args:
+        path: of one of the kinds in `_FORMATS`. Pillow reads others, some of them by starting another program.
+        least_px: of its width and of its height.
+
     Raises:
-        ImageError: if the file is missing, no picture, truncated, or its size is not from 16×16 to 64 megapixels.
+        ImageError: if the file is missing, no picture, truncated, or its size is not from `least_px` squared to 64
+            megapixels.
     """
     todo = "give a PNG, JPEG, TIFF, BMP or WebP picture"
     if not path.is_file():
@@ -38,7 +43,7 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of sizes, which are judged here, and of odd notes that are not used
             with Image.open(path, formats=_FORMATS) as picture:
-                _check_size(*picture.size, path.name)
+                _check_size(*picture.size, path.name, least_px)
                 return _rgb(picture, path.name)
     except UnidentifiedImageError as error:
         raise ImageError(f"a picture in {path.name}", "a file of another kind", todo) from error
@@ -62,10 +67,10 @@ def check_array(image: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     return image
 
 
-def _check_size(width: int, height: int, name: str) -> None:
-    if min(width, height) < LEAST_PX or width * height > MOST_PX:
+def _check_size(width: int, height: int, name: str, least_px: int = LEAST_PX) -> None:
+    if min(width, height) < least_px or width * height > MOST_PX:
         raise ImageError(
-            f"a picture from {LEAST_PX}×{LEAST_PX} to {MOST_PX:,} pixels in {name}", f"{width}×{height}", "resize it"
+            f"a picture from {least_px}×{least_px} to {MOST_PX:,} pixels in {name}", f"{width}×{height}", "resize it"
         )
 
 
