@@ -180,6 +180,24 @@ def test_changed_settings_or_data_are_refused_and_nothing_is_touched(tmp_path: P
         train(_examples(), TWO_LAYER.with_(seed=1), tmp_path)
 
 
+def test_a_folder_of_somebody_else_is_refused_and_nothing_is_touched(tmp_path: Path) -> None:
+    model = tmp_path / "mine" / "model.safetensors"
+    model.parent.mkdir()
+    model.write_bytes(b"weights of a long training")
+    with pytest.raises(
+        InputError, match=r"a new or empty folder.* got one with model\.safetensors; use another folder"
+    ):
+        train(_examples(), TWO_LAYER, model.parent)
+    assert [path.name for path in model.parent.iterdir()] == [model.name]
+    assert model.read_bytes() == b"weights of a long training"
+    with pytest.raises(InputError, match="got a file"):
+        train(_examples(), TWO_LAYER, model)
+    # What a system or a killed run leaves, unseen, keeps nobody from training.
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / ".state.12ab.part.safetensors").touch()
+    assert train(_examples(), TWO_LAYER.lasting(epochs=1), tmp_path / "new").steps == 6
+
+
 def test_a_truncated_state_is_told(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         train(_examples(), TWO_LAYER, tmp_path, progress=_Stop(2))

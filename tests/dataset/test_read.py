@@ -66,6 +66,10 @@ def edit_row(folder: Path, index: int, **changes: object) -> None:
         ({"anatomy_T_camera": [1, 2, 3]}, "rigid 4×4 poses"),
         ({"region": 4}, "a region 0…3 of sample 5"),
         ({"region": None}, "a region 0…3 of sample 5"),
+        ({"trajectory": None}, "a whole number as trajectory of sample 5"),
+        ({"position": 1.5}, "a whole number as position of sample 5"),
+        ({"position": 10**30}, "a whole number as position of sample 5"),
+        ({"anatomy_T_camera": [10**400] * 16}, "rigid 4×4 poses"),
         ({"image": "images/999.png"}, "the picture images/999.png of sample 5"),
         ({"image": "../../etc/hostname"}, "of sample 5"),
         ({"depth": None}, "the picture None of sample 5"),
@@ -98,6 +102,23 @@ def test_a_broken_record_is_told(broken, content) -> None:
     with pytest.raises(DatasetError) as caught:
         Dataset.open(broken)
     assert "set" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["name", "digest", "frame"])
+def test_an_anatomy_without_its_words_is_told(broken, key) -> None:
+    about = json.loads((broken / "dataset.json").read_text())
+    del about["anatomy"][key]
+    (broken / "dataset.json").write_text(json.dumps(about))
+    with pytest.raises(DatasetError, match=f"regions, anatomy, depth and intrinsics in dataset.json of set.*{key}"):
+        Dataset.open(broken)
+
+
+@pytest.mark.parametrize("content", [b'{"image": "\xff\xfe"}\n', b"[" * 100_000])
+def test_rows_that_are_no_text_are_told(broken, content) -> None:
+    (broken / "samples.jsonl").write_bytes(content)
+    with pytest.raises(DatasetError, match=r"samples\.jsonl") as caught:
+        Dataset.open(broken)
     assert "\n" not in str(caught.value)
 
 

@@ -18,9 +18,11 @@ from naris.core.pose import CAMERA, Pose
 from naris.dataset.layout import ABOUT, SAMPLES, SCHEMA, RegionLabels, intrinsics_from_json
 from naris.dataset.pictures import read_depth, read_rgb
 from naris.errors import DatasetError, InputError, PoseError
-from naris.render.viewpoints import Viewpoints
+from naris.render.viewpoints import FREE, Viewpoints
 
 _READERS = 4
+_NUMBERS = ("trajectory", "position")
+_LARGEST = np.iinfo(np.int64).max // 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,21 +63,20 @@ class Dataset:
         rows = _rows(folder, about)
         try:
             regions = RegionLabels.from_json(about["regions"])
-            anatomy, depth, frame = about["anatomy"], about["depth"], about["anatomy"]["frame"]
+            anatomy, depth = about["anatomy"], about["depth"]
+            name, known_by, frame = anatomy["name"], anatomy["digest"], str(anatomy["frame"])
             scale_mm = float(depth["scale_mm"]) if depth else 0.0
             intrinsics = intrinsics_from_json(about["intrinsics"])
         except (KeyError, TypeError, ValueError, InputError) as error:
             raise DatasetError(
                 f"regions, anatomy, depth and intrinsics in {ABOUT} of {folder.name}",
-                f"{error}",
+                f"{error!r}" if isinstance(error, KeyError) else f"{error}",
                 "make the data set anew",
             ) from error
         views = _views(rows, frame, regions, folder.name)
         images = _files(folder, [row.get("image") for row in rows])
         depths = _files(folder, [row.get("depth") for row in rows]) if depth else None
-        return Dataset(
-            folder, intrinsics, regions, views, images, depths, scale_mm, anatomy["name"], anatomy["digest"], about
-        )
+        return Dataset(folder, intrinsics, regions, views, images, depths, scale_mm, name, known_by, about)
 
     def __len__(self) -> int:
         return len(self.image_files)
@@ -127,7 +128,7 @@ class Dataset:
 def _about(folder: Path) -> dict[str, Any]:
     try:
         about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(
             f"a data set with {ABOUT} in {folder.name}", "none that can be read", "check the path"
         ) from error
@@ -140,13 +141,17 @@ def _about(folder: Path) -> dict[str, Any]:
 def _rows(folder: Path, about: dict[str, Any]) -> list[dict[str, Any]]:
     try:
         lines = (folder / SAMPLES).read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise DatasetError(
+            f"text in UTF-8 in {SAMPLES} of {folder.name}", f"{error}", "make the data set anew"
+        ) from error
     except OSError as error:
         raise DatasetError(
             f"a finished data set in {folder.name}", f"one without {SAMPLES}", "run the same simulation again"
         ) from error
     try:
         rows = [json.loads(line) for line in lines]
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DatasetError(f"JSON in each row of {SAMPLES}", f"{error}", "make the data set anew") from error
     if len(rows) != about.get("count") or not all(isinstance(row, dict) for row in rows):
         raise DatasetError(
@@ -165,16 +170,17 @@ def _views(rows: list[dict[str, Any]], frame: str, regions: RegionLabels, name: 
                 f"{row.get('region')!r}",
                 "make the data set anew",
             )
+        for key in _NUMBERS:
+            number = row.get(key, FREE)
+            if not (isinstance(number, int) and FREE <= number <= _LARGEST):
+                raise DatasetError(f"a whole number as {key} of sample {i} in {name}", f"{number!r}", "make it anew")
     try:
-        matrix = np.array([row["anatomy_T_camera"] for row in rows], dtype=np.float64).reshape(-1, 4, 4)
+        matrix = np.array([row["anatomy_T_camera"] for row in rows], dtype=np.float64).reshape(len(rows), 4, 4)
         poses = Pose(matrix, frame, CAMERA)
-    except (PoseError, ValueError, TypeError) as error:
+    except (PoseError, ValueError, TypeError, OverflowError) as error:
         raise DatasetError(f"rigid 4×4 poses in {name}", f"{error}", "make the data set anew") from error
-    columns = [np.array([row.get(key, -1) for row in rows], dtype=np.int64) for key in _COLUMNS]
+    columns = [np.array([row.get(key, FREE) for row in rows], dtype=np.int64) for key in ("region", *_NUMBERS)]
     return Viewpoints(poses, *columns)
-
-
-_COLUMNS = ("region", "trajectory", "position")
 
 
 def _files(folder: Path, names: Sequence[object]) -> tuple[Path, ...]:

@@ -25,7 +25,7 @@ from jaxtyping import Float, Float32
 from naris.core.atomic import write_json
 from naris.core.progress import SILENT, Advance, Progress
 from naris.core.provenance import Stopwatch, digest, plain, versions
-from naris.errors import CheckpointError, ConfigurationChanged
+from naris.errors import CheckpointError, ConfigurationChanged, InputError
 from naris.model.checkpoint import read_tensors, save_checkpoint, write_tensors
 from naris.model.localizer import limited
 from naris.train.config import TrainConfig
@@ -113,6 +113,7 @@ def train(
     Raises:
         ConfigurationChanged: if `out` holds a training with other settings or other data; nothing is touched.
         CheckpointError: if its state is damaged.
+        InputError: if `out` is a file, or a folder with other things in it; nothing is touched.
         DatasetError: if the data cannot be learned from.
         DiskFull: if there is no room; the state before stays.
     """
@@ -123,6 +124,7 @@ def train(
     identity = digest([config.made_of, lessons.identity])
     if (out / RUN).is_file():
         return _same(read_run(out), out, identity)
+    _check_free(out)
     with limited(config.torch_threads):
         learner, journal = _begin(lessons, config, out, identity)
         try:
@@ -228,6 +230,21 @@ def _learn(loop: _Loop, watch: Stopwatch) -> None:
             loop.advance(_ticks(config, loop.lessons) - told)
     finally:
         lessons.close()
+
+
+def _check_free(out: Path) -> None:
+    """See that nothing of somebody else would be overwritten: hidden files do not count, as systems leave them."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"a folder to train in, {out}", "a file", "name another")
+    if not out.is_dir() or (out / STATE).is_file():
+        return
+    others = sorted(path.name for path in out.iterdir() if not path.name.startswith("."))
+    if others:
+        raise InputError(
+            f"a new or empty folder, or one with a training that {RUN} or {STATE} tells of, in {out}",
+            f"one with {others[0]}" + (f" and {len(others) - 1} more" if others[1:] else ""),
+            "use another folder",
+        )
 
 
 def _begin(lessons: Lessons, config: TrainConfig, out: Path, identity: str) -> tuple[Learner, _Journal]:
