@@ -154,16 +154,21 @@ def test_a_texture_is_read_with_the_care_of_any_picture(tmp_path) -> None:
     path = tmp_path / "a.png"
     Image.fromarray(colours).save(path)
     assert np.array_equal(TextureColours.read(path).image, colours)
+    Image.fromarray(np.random.default_rng(0).integers(0, 256, (300, 300, 3), dtype=np.uint8)).save(path)
     whole = path.read_bytes()
-    damaged = whole.replace(b"IDAT", b"IDAX")
-    bomb = whole[:16] + struct.pack(">II", 30_000, 30_000) + whole[24:29]
-    bomb += struct.pack(">I", zlib.crc32(bomb[12:29])) + whole[33:]
+    second = whole.rindex(b"IDAT")
+    large = whole[:16] + struct.pack(">II", 9000, 9000) + whole[24:29]
+    large += struct.pack(">I", zlib.crc32(large[12:29])) + whole[33:]
     script = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 20 20\n%%EndComments\nshowpage\n%%EOF\n"
-    for content in (damaged, whole[:50], bomb, script):
+    for content, said in (
+        (whole[:second] + b"\x01DAT" + whole[second + 4 :], "a damaged one"),
+        (whole[:50], "a damaged one"),
+        (large, "got 9000×9000"),
+        (script, "a file of another kind"),  # Pillow would hand it to Ghostscript
+    ):
         path.write_bytes(content)
-        with pytest.raises(ImageError, match="picture") as caught:
+        with pytest.raises(ImageError, match=said):
             TextureColours.read(path)
-        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
