@@ -22,7 +22,7 @@ from naris.cli import VERBS, main
 
 PROBE = '''
 """Does what a test asks for."""
-import logging, os, sys, time
+import errno, logging, os, sys, time
 from dataclasses import dataclass
 from pathlib import Path
 from naris.errors import DiskFull, PoseError
@@ -52,6 +52,8 @@ def run(options, console):
         raise PoseError("a pose", "NaN", "remove it")
     elif options.what == "full":
         raise DiskFull("room", "none", "free some")
+    elif options.what == "nameless":
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     elif options.what == "missing":
         Path("/no/such/file").read_text()
     elif options.what == "bug":
@@ -213,6 +215,11 @@ def test_an_honest_no_is_status_1_with_an_answer(probe, capfd) -> None:
     [
         ("input", "PoseError", "naris: expected a pose, got NaN; remove it\n"),
         ("full", "DiskFull", "naris: expected room, got none; free some\n"),
+        (
+            "nameless",
+            "DiskFull",
+            "naris: expected room on the disk, got No space left on device; free some and try again\n",
+        ),
         ("missing", "FileNotFoundError", "naris: cannot use /no/such/file: No such file or directory\n"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import importlib
 import io
 import os
@@ -73,6 +74,12 @@ class _Outcome:
         elif isinstance(error, NarisError):
             self.status = BAD_INPUT
             self._fail(type(error).__name__, str(error))
+        elif isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            self.status = BAD_INPUT
+            where_to = "" if error.filename is None else f" to write {error.filename}"
+            self._fail(
+                "DiskFull", f"expected room on the disk{where_to}, got {error.strerror}; free some and try again"
+            )
         elif isinstance(error, OSError) and error.filename is not None:
             self.status = BAD_INPUT
             self._fail(type(error).__name__, f"cannot use {error.filename}: {error.strerror}")
