@@ -7,7 +7,7 @@ from pathlib import Path
 
 from naris.anatomy.builtin import built_in_nose
 from naris.core.progress import SILENT, Progress
-from naris.core.provenance import Stopwatch, plain
+from naris.core.provenance import plain
 from naris.dataset.splits import SplitSizes
 from naris.dataset.stream import view_stream
 from naris.errors import InputError
@@ -16,22 +16,23 @@ from naris.experiment.contenders import (
     COMPACT_AT_WILL,
     COMPACT_WORDS,
     TWO_LAYER,
+    TWO_LAYER_LABEL,
     TWO_LAYER_WORDS,
     Contender,
     Plan,
     from_pictures,
     from_views_at_will,
 )
-from naris.experiment.gather import Journal, Telling, locate_some, network_result, report_data
+from naris.experiment.gather import Telling, locate_some, network_result, report_data
 from naris.experiment.score import score
 from naris.experiment.sets import TRAJECTORY, Sets, Setting, make_sets
+from naris.experiment.stages import EVALUATE, PICTURES, Journal
 from naris.render.appearance import TRAINING_APPEARANCE, UNSEEN_APPEARANCE
 from naris.render.scene import Scene
 from naris.render.viewpoints import INSPECTION
 from naris.report.data import ReportData
 from naris.train import COMPACT_DEMO, PUBLISHED
 
-PICTURES = "pictures"
 REGIONS = "paper"
 
 
@@ -66,34 +67,36 @@ def demo(
 
     Raises:
         ConfigurationChanged: if `out` holds a demo with other settings.
+        InputError: if `out` holds something else.
         DiskFull: if there is no room.
     """
-    claim(out, {"experiment": "demo", "config": plain(config)})
-    journal = Journal()
-    with Stopwatch() as watch, progress.task("anatomy", 1) as advance:
+    new = claim(out, {"experiment": "demo", "config": plain(config)})
+    journal = Journal.open(out, new=new)
+    with journal.stage("anatomy"), progress.task("anatomy", 1) as advance:
         anatomy = built_in_nose()
         advance(1)
     faces = f"{len(anatomy.faces):,} triangles, {len(anatomy.passages)} passages"
-    journal.note("anatomy", f"the built-in nose: {faces}", watch)
+    journal.note("anatomy", f"the built-in nose: {faces}")
     sizes = SplitSizes(config.train_positions, config.test_positions)
     setting = Setting(
         Scene(anatomy), anatomy.region_set(REGIONS), TRAINING_APPEARANCE, UNSEEN_APPEARANCE, sizes, config.seed
     )
-    with Stopwatch() as watch:
+    with journal.stage(PICTURES):
         sets = make_sets(setting, out / PICTURES, progress)
-    journal.note("pictures", f"{len(sets.train)} to train and {sum(map(len, sets.tests.values()))} to test", watch)
-    contenders = _train(setting, sets, config, out, progress)
-    for contender in contenders:
-        journal.trained(contender)
-    with Stopwatch() as watch:
+    journal.note(PICTURES, f"{len(sets.train)} to train and {sum(map(len, sets.tests.values()))} to test")
+    contenders = _train(setting, sets, config, out, journal, progress)
+    telling = Telling("demo", "naris on its built-in nose", command, "solid procedural mucosa, drawn for every picture")
+    with journal.stage(EVALUATE):
         networks = [network_result(contender, score(contender, sets.tests, progress)) for contender in contenders]
         located = locate_some(contenders[0], sets, config.located, config.seed, progress)
-    journal.note("evaluate", f"{len(contenders)} networks on {len(sets.tests)} splits", watch)
-    telling = Telling("demo", "naris on its built-in nose", command, "solid procedural mucosa, drawn for every picture")
-    return report_data(telling, setting, sets, networks, located, journal)
+        data = report_data(telling, setting, sets, networks, located)
+    journal.note(EVALUATE, f"{len(contenders)} networks on {len(sets.tests)} splits")
+    return replace(data, stages=tuple(journal.stages))
 
 
-def _train(setting: Setting, sets: Sets, config: DemoConfig, out: Path, progress: Progress) -> list[Contender]:
+def _train(
+    setting: Setting, sets: Sets, config: DemoConfig, out: Path, journal: Journal, progress: Progress
+) -> list[Contender]:
     """The compact network first: it is the one that the demo is about."""
     at_will = Plan(
         COMPACT_AT_WILL,
@@ -105,7 +108,7 @@ def _train(setting: Setting, sets: Sets, config: DemoConfig, out: Path, progress
     )
     two_layer = Plan(
         TWO_LAYER,
-        "two-layer, as published",
+        TWO_LAYER_LABEL,
         TWO_LAYER_WORDS,
         f"{len(sets.train)} fixed pictures, {config.epochs} epochs: far less than in the publication.",
         replace(PUBLISHED, epochs=config.epochs),
@@ -116,6 +119,6 @@ def _train(setting: Setting, sets: Sets, config: DemoConfig, out: Path, progress
     stream = view_stream(setting.scene, setting.regions, INSPECTION, TRAINING_APPEARANCE, camera, config.seed)
     stream = stream.away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
     return [
-        from_views_at_will(at_will, stream, out, progress),
-        from_pictures(two_layer, sets.train, out, progress),
+        from_views_at_will(at_will, stream, out, journal, progress),
+        from_pictures(two_layer, sets.train, out, journal, progress),
     ]

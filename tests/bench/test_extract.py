@@ -66,3 +66,9 @@ def test_demo(data: ReportData) -> None:
     assert figures["demo.seconds"].goal == 300
     assert figures["demo.region_accuracy"].value == data.networks[0].tests[-1].mean
     assert figures["demo.region_accuracy"].goal == 0.85
+
+
+def test_a_demo_whose_time_nobody_knows_has_none(data: ReportData) -> None:
+    names = [figure.name for figure in demo_figures(data, None)]
+    assert "demo.region_accuracy" in names
+    assert "demo.seconds" not in names

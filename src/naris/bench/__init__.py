@@ -41,7 +41,7 @@ class BenchRequest:
         seed: of everything random.
         anatomy: a surface file or a saved anatomy, the word `builtin`, or None for what the benchmark is defined on.
         texture: a picture for the walls, or None.
-        work: a folder for what the benchmark writes and may take up again; None for a temporary one.
+        work: a folder to write in, that `reproduce` keeps and takes up again; None for a temporary one.
         progress: where long work reports to.
     """
 

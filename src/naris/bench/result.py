@@ -71,10 +71,13 @@ class Figure:
 
 @dataclass(frozen=True)
 class Seconds:
-    """How long something took: wall clock, and CPU over all threads (from the operating system)."""
+    """How long something took: wall clock, and CPU over all threads (from the operating system).
 
-    wall: float
-    cpu: float
+    Both are None where nobody knows, as after a run that was killed and went on later.
+    """
+
+    wall: float | None
+    cpu: float | None
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ class Options:
     seed: int = 0
     """Of everything random."""
     work: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Where long benchmarks keep what they make, to go on after an interruption; by default a temporary folder."""
+    """Where benchmarks write; by default a temporary folder. Only reproduce keeps it, and goes on there later."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None
     """Write the result there too, as JSON."""
 
@@ -64,6 +64,8 @@ def run(options: Options, console: Console) -> int:
 
 def interrupted(options: Options) -> str:
     """What a user who stopped it should know."""
+    if options.name != "reproduce":
+        return "nothing was kept, this benchmark begins anew each time"
     if options.work is None:
         return "nothing was kept; give --work DIR to go on another time"
     return f"what was made so far is in {options.work}; the same command goes on from there"
@@ -77,7 +79,8 @@ def _told(result: BenchResult) -> str:
         for peer, value in figure.peers.items():
             said = f"{value:.4g} {figure.unit}" if isinstance(value, float) else value
             lines.append(f"  {figure.name} by {peer}: {said}")
-    lines.append(f"{result.seconds.wall:.1f} s wall, {result.seconds.cpu:.1f} s CPU")
+    if result.seconds.wall is not None and result.seconds.cpu is not None:
+        lines.append(f"{result.seconds.wall:.1f} s wall, {result.seconds.cpu:.1f} s CPU")
     return "\n".join(lines)
 
 

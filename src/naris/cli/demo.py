@@ -31,18 +31,14 @@ class Options:
 def run(options: Options, console: Console) -> int:
     """Runs the demo, or what is still missing of it."""
     from naris.bench.extract import demo_figures
-    from naris.bench.result import Seconds
     from naris.cli.experiments import finish
-    from naris.core.provenance import Stopwatch
     from naris.demo import DemoConfig, demo
 
     command = shlex.join(["naris", *sys.argv[1:]])
-    with Stopwatch() as watch:
-        config = DemoConfig(budget_s=options.budget_s, seed=options.seed)
-        data = demo(options.out, config, command=command, progress=console.progress)
-    seconds = Seconds(watch.wall_s, watch.cpu_s)
-    answer = finish(data, demo_figures(data, watch.wall_s), options.out, seconds)
-    console.answer(answer, _told(data, watch.wall_s, options.out))
+    config = DemoConfig(budget_s=options.budget_s, seed=options.seed)
+    data = demo(options.out, config, command=command, progress=console.progress)
+    answer = finish(data, lambda seconds: demo_figures(data, seconds.wall), options.out)
+    console.answer(answer, _told(data, answer["seconds"]["wall"], options.out))
     return 0
 
 
@@ -51,7 +47,7 @@ def interrupted(options: Options) -> str:
     return f"what was made so far is in {options.out}; the same command goes on from there"
 
 
-def _told(data: ReportData, wall_s: float, out: Path) -> str:
+def _told(data: ReportData, wall_s: float | None, out: Path) -> str:
     from naris.cli.experiments import REPORT, percent
 
     compact, two_layer = data.networks[0], data.networks[-1]
@@ -61,11 +57,12 @@ def _told(data: ReportData, wall_s: float, out: Path) -> str:
     where = "" if pose is None else f"; camera found to {pose.median_mm:.1f} mm and {pose.median_deg:.0f}° (median)"
     located = sum(frame.localised for frame in data.located)
     right = sum(frame.localised and frame.prediction.region == frame.truth for frame in data.located)
+    took = "" if wall_s is None else f"; {wall_s:.0f} s in all"
     lines = [
         f"{hardest.label}: the compact network names {percent(ours) if ours else '–'} of the four regions{where}",
         f"the published two-layer network, on far fewer pictures than in the publication: "
         f"{percent(theirs) if theirs else '–'}",
-        f"{located} of {len(data.located)} pictures localised, {right} in the right region; {wall_s:.0f} s in all",
+        f"{located} of {len(data.located)} pictures localised, {right} in the right region{took}",
         f"report: {out / REPORT}",
     ]
     return "\n".join(lines)

@@ -45,7 +45,6 @@ class Options:
 def run(options: Options, console: Console) -> int:
     """Runs the experiment, or what is still missing of it."""
     from naris.bench.extract import reproduce_figures
-    from naris.bench.result import Seconds
     from naris.cli.anatomies import open_anatomy
     from naris.cli.experiments import finish
     from naris.reproduce import ReproduceConfig, reproduce
@@ -63,8 +62,7 @@ def run(options: Options, console: Console) -> int:
     anatomy, regions = open_anatomy(options.anatomy, options.regions)
     anatomy = anatomy.with_(regions={regions.name: regions})
     data = reproduce(anatomy, options.texture, options.out, config, command=command, progress=console.progress)
-    seconds = Seconds(sum(stage.wall_s for stage in data.stages), sum(stage.cpu_s for stage in data.stages))
-    answer = finish(data, reproduce_figures(data), options.out, seconds)
+    answer = finish(data, lambda seconds: reproduce_figures(data), options.out)
     console.answer(answer, _told(data, options.out))
     return 0
 

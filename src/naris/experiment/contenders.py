@@ -9,6 +9,7 @@ from pathlib import Path
 from naris.core.progress import Progress
 from naris.dataset.read import Dataset
 from naris.dataset.stream import ViewStream
+from naris.experiment.stages import Journal
 from naris.train import Examples, TrainConfig, TrainingRun, train, train_runs
 
 TWO_LAYER, COMPACT, COMPACT_AT_WILL = "two_layer", "compact", "compact_at_will"
@@ -49,6 +50,7 @@ class Contender:
         return [run.checkpoint for run in self.runs]
 
 
+TWO_LAYER_LABEL = "two-layer, fixed pictures"
 TWO_LAYER_WORDS = (
     "Two convolutions and three linear layers on raw pixels, as published: 300×300, no normalisation, no augmentation."
 )
@@ -58,19 +60,32 @@ COMPACT_WORDS = (
 )
 
 
-def from_pictures(plan: Plan, pictures: Dataset, out: Path, progress: Progress) -> Contender:
+def from_pictures(plan: Plan, pictures: Dataset, out: Path, journal: Journal, progress: Progress) -> Contender:
     """Train on a fixed set, a run a seed, in `out/<key>`; finished runs are kept, an interrupted one goes on."""
-    runs = train_runs(
-        Examples.of(pictures), plan.config, plan.seeds, out / plan.key, workers=plan.workers, progress=progress
-    )
-    return Contender(plan, tuple(runs))
+    with journal.stage(_stage(plan)):
+        runs = train_runs(
+            Examples.of(pictures), plan.config, plan.seeds, out / plan.key, workers=plan.workers, progress=progress
+        )
+    return _told(Contender(plan, tuple(runs)), journal)
 
 
-def from_views_at_will(plan: Plan, stream: ViewStream, out: Path, progress: Progress) -> Contender:
+def from_views_at_will(plan: Plan, stream: ViewStream, out: Path, journal: Journal, progress: Progress) -> Contender:
     """Train on views that are rendered as the network learns, a run a seed, in `out/<key>/seed-<seed>`."""
     folders = [out / plan.key / f"seed-{seed}" for seed in plan.seeds]
-    runs = [
-        train(stream, plan.config.with_(seed=seed), folder, progress=progress, task=f"{plan.label}, seed {seed}")
-        for seed, folder in zip(plan.seeds, folders, strict=True)
-    ]
-    return Contender(plan, tuple(runs))
+    with journal.stage(_stage(plan)):
+        runs = [
+            train(stream, plan.config.with_(seed=seed), folder, progress=progress, task=f"{plan.label}, seed {seed}")
+            for seed, folder in zip(plan.seeds, folders, strict=True)
+        ]
+    return _told(Contender(plan, tuple(runs)), journal)
+
+
+def _stage(plan: Plan) -> str:
+    return f"train {plan.key}"
+
+
+def _told(contender: Contender, journal: Journal) -> Contender:
+    runs, plan = contender.runs, contender.plan
+    made = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'} of {runs[0].steps:,} steps"
+    journal.note(_stage(plan), made, f"train: {plan.label}")
+    return contender

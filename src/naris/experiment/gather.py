@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from naris.core.pose import stack
 from naris.core.progress import Progress
-from naris.core.provenance import Stopwatch, commit, machine, plain, versions
+from naris.core.provenance import commit, machine, plain, versions
 from naris.experiment.contenders import Contender
 from naris.experiment.score import pose_errors
 from naris.experiment.sets import TRAJECTORY_TEXTURE, Sets, Setting
@@ -24,28 +24,9 @@ from naris.report.data import (
     NetworkResult,
     Published,
     ReportData,
-    Stage,
     TrainingCurve,
 )
 from naris.report.scores import TestResult
-
-
-@dataclass
-class Journal:
-    """The stages of an experiment as they end, with how long each took."""
-
-    stages: list[Stage] = field(default_factory=list)
-
-    def note(self, name: str, made: str, watch: Stopwatch) -> None:
-        """A stage that has ended."""
-        self.stages.append(Stage(name, made, watch.wall_s, watch.cpu_s))
-
-    def trained(self, contender: Contender) -> None:
-        """The training of a contender, over all its parts, however often it was interrupted."""
-        runs, plan = contender.runs, contender.plan
-        made = f"{len(runs)} {'run' if len(runs) == 1 else 'runs'} of {runs[0].steps:,} steps"
-        wall_s = sum(run.wall_s for run in runs) / plan.workers
-        self.stages.append(Stage(f"train: {plan.label}", made, wall_s, sum(run.cpu_s for run in runs)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +73,8 @@ def report_data(
     sets: Sets,
     networks: Sequence[NetworkResult],
     located: Sequence[LocatedFrame],
-    journal: Journal,
 ) -> ReportData:
-    """Everything that the page needs."""
+    """Everything that the page needs, but for the stages: this belongs to the last of them."""
     anatomy = setting.scene.anatomy
     return ReportData(
         kind=telling.kind,
@@ -108,7 +88,6 @@ def report_data(
         located=tuple(located),
         published=telling.published,
         settings=_settings(setting, networks),
-        stages=tuple(journal.stages),
         machine=machine(),
         versions=versions(),
         commit=commit(),

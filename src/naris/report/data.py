@@ -220,12 +220,15 @@ class LocatedFrame:
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage of the run: its name, what it made as a phrase, and how long it took (CPU over all threads)."""
+    """One stage of the run: its name, what it made as a phrase, and how long it took (CPU over all threads).
+
+    Seconds are None where nobody knows them, as after a run that was killed.
+    """
 
     name: str
     made: str
-    wall_s: float
-    cpu_s: float
+    wall_s: float | None
+    cpu_s: float | None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from naris.report.data import NEIGHBOUR_DEG, NEIGHBOUR_MM, NetworkResult, Published, ReportData, Split
+from naris.report.data import NEIGHBOUR_DEG, NEIGHBOUR_MM, SINHA_2018, NetworkResult, Published, ReportData, Split
 from naris.report.scores import Calibration, TestResult
 
 LARGE_DROP = 0.10
@@ -118,6 +118,11 @@ def done(data: ReportData) -> list[str]:
         said.append(f"{capital(network.called)}: {network.description} {network.trained_on}{trained if runs else ''}")
     if data.published:
         said.append(f"This repeats the experiment of {data.published.citation}.")
+    elif data.kind == "reproduce":
+        said.append(
+            f"This is modelled on the experiment of {SINHA_2018.citation}; with another anatomy, texture, number of "
+            "pictures or length of training, their figure is no measure for it and is left out."
+        )
     return said
 
 
