@@ -36,9 +36,7 @@ def main(folder: Path, seconds: float = 60.0) -> None:
     for number, said in enumerate(locate(list(unseen.images), run.checkpoint)):
         truth, sure = regions.names[unseen.region[number]], float(said.probabilities.max())
         answer = f"{said.region_name} ({sure:.0%})" if is_localised(said) else f"not localised ({sure:.0%} at best)"
-        off_mm = np.linalg.norm(
-            said.hypotheses[0].anatomy_T_camera.position_mm - unseen.anatomy_T_camera.position_mm[number]
-        )
+        off_mm = np.linalg.norm(said.hypotheses[0].position_mm - unseen.anatomy_T_camera.position_mm[number])
         print(f"  {answer:32} truth: {truth:24} position off by {off_mm:.1f} mm")
 
 
