@@ -213,7 +213,7 @@ class StreamLessons:
         if self.config.replay is None:
             which, row = np.full(size, newest), np.arange(size)
         else:
-            # At the start nothing can be remembered yet: the first batches are looked ahead to, a few at a time.
+            # At the start there is little to remember: the first lessons draw from the first batch alone.
             rng = np.random.default_rng([self.config.seed, _RECALL, step])
             which, row = rng.integers(oldest, newest + 1, size), rng.integers(0, size, size)
         batches = {index: self._batch(index) for index in sorted(set(which.tolist()))}
