@@ -34,6 +34,7 @@ from naris.report.data import ReportData
 from naris.train import COMPACT_DEMO, PUBLISHED
 
 REGIONS = "paper"
+VIEWS = "views"
 
 
 @dataclass(frozen=True)
@@ -74,13 +75,12 @@ def demo(
     journal = Journal.open(out, new=new)
     with journal.stage("anatomy"), progress.task("anatomy", 1) as advance:
         anatomy = built_in_nose()
+        scene = Scene(anatomy)
         advance(1)
     faces = f"{len(anatomy.faces):,} triangles, {len(anatomy.passages)} passages"
     journal.note("anatomy", f"the built-in nose: {faces}")
     sizes = SplitSizes(config.train_positions, config.test_positions)
-    setting = Setting(
-        Scene(anatomy), anatomy.region_set(REGIONS), TRAINING_APPEARANCE, UNSEEN_APPEARANCE, sizes, config.seed
-    )
+    setting = Setting(scene, anatomy.region_set(REGIONS), TRAINING_APPEARANCE, UNSEEN_APPEARANCE, sizes, config.seed)
     with journal.stage(PICTURES):
         sets = make_sets(setting, out / PICTURES, progress)
     journal.note(PICTURES, f"{len(sets.train)} to train and {sum(map(len, sets.tests.values()))} to test")
@@ -116,8 +116,10 @@ def _train(
     )
     size_px = at_will.config.network.input_px
     camera = setting.intrinsics.resized(size_px, size_px)
-    stream = view_stream(setting.scene, setting.regions, INSPECTION, TRAINING_APPEARANCE, camera, config.seed)
-    stream = stream.away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
+    with journal.stage(VIEWS):
+        stream = view_stream(setting.scene, setting.regions, INSPECTION, TRAINING_APPEARANCE, camera, config.seed)
+        stream = stream.away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
+    journal.note(VIEWS, "where views at will may be drawn")
     return [
         from_views_at_will(at_will, stream, out, journal, progress),
         from_pictures(two_layer, sets.train, out, journal, progress),
