@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Shaped
+from jaxtyping import Float, Shaped
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -73,7 +73,7 @@ class Learner:
         self.average = [value.clone() for value in _numbers(self.network)] if config.average else []
         self.steps = 0
 
-    def step(self, lesson: Lesson, done: float) -> Float32[np.ndarray, "p"]:
+    def step(self, lesson: Lesson, done: float) -> list[float]:
         """Learn from one lesson at a share `done` of the training; the parts of the loss (`PARTS`)."""
         self.network.train()
         losses = self._losses(lesson)
@@ -84,7 +84,7 @@ class Learner:
             decay = min(self.config.average, self.steps / (self.steps + 20))
             with torch.no_grad():
                 torch._foreach_lerp_(self.average, _numbers(self.network), 1 - decay)
-        return torch.stack([part.detach() for part in losses]).numpy()
+        return [float(part.detach()) for part in losses]
 
     def checkpoint(self, training: Mapping[str, Any]) -> Checkpoint:
         """The weights that are kept in the end (the average, if there is one), not calibrated yet."""

@@ -82,9 +82,13 @@ class TrainingRun:
 
 @dataclass
 class _Journal:
-    """What has been so far."""
+    """What has been so far.
 
-    history: list[Float32[np.ndarray, "p"]]
+    The history is of plain numbers: a small array that stays from every step lies between the large ones that come
+    and go, and the process grew by megabytes a step.
+    """
+
+    history: list[list[float]]
     pictures: int = 0
     wall_s: float = 0.0
     cpu_s: float = 0.0
@@ -259,7 +263,7 @@ def _begin(lessons: Lessons, config: TrainConfig, out: Path, identity: str) -> t
     history = tensors.pop(_HISTORY)
     learner.restore(tensors, int(about["steps"]))
     _log.info("going on after step %d of the training in %s", learner.steps, out)
-    return learner, _Journal(list(history), int(about["pictures"]), float(about["wall_s"]), float(about["cpu_s"]))
+    return learner, _Journal(history.tolist(), int(about["pictures"]), float(about["wall_s"]), float(about["cpu_s"]))
 
 
 def _steps(config: TrainConfig, lessons: Lessons) -> int:
