@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import os
+import signal
 from pathlib import Path
 
 import hypothesis
@@ -35,6 +36,10 @@ import_hook.install_import_hook("naris", TYPECHECKER)
 # A busy machine is no fault of the code; under CI the same examples every time.
 hypothesis.settings.register_profile("naris", deadline=None, derandomize="CI" in os.environ)
 hypothesis.settings.load_profile("naris")
+
+# A shell that starts the tests in the background has them ignore Ctrl-C, and every process that they start as well.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = Path(os.environ.get("NARIS_TEST_DATA") or REPOSITORY.parent / "shared" / "data")
