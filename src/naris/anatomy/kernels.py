@@ -1,4 +1,4 @@
-"""The compiled loops behind `triangles` and `distance`, on one thread and without the interpreter lock.
+"""The compiled loops behind `triangles` and `distance`, without the interpreter lock.
 
 Nearest point of a triangle: Ericson, Real-Time Collision Detection (2005), section 5.1.5. Arrays, in mm: `corners`
 (F, 3, 3) in the order of the leaves of a complete binary tree, `leaf_start` (L + 1,), `boxes` (2L − 1, 6) and points
@@ -108,10 +108,11 @@ def closest_of_many(points, corners, leaf_start, boxes, found, distance, rows):
 
 
 @njit(cache=True, nogil=True)
-def closest_of_lattice(origin, spacing, corners, leaf_start, boxes, values):
+def closest_of_lattice(origin, spacing, corners, leaf_start, boxes, values, layers):
+    """Of the layers `layers[0]` … `layers[1]` − 1 along x."""
     stack, stack_d2 = np.empty(_STACK, dtype=np.int64), np.empty(_STACK)
     f = 0
-    for i in range(values.shape[0]):
+    for i in range(layers[0], layers[1]):
         for j in range(values.shape[1]):
             for step in range(values.shape[2]):
                 # To and fro, so that the last nearest triangle is always that of a neighbour.

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 import naris
+from naris.core.cores import cores
 
 LIBRARIES = ("numpy", "scipy", "numba", "embreex", "torch", "opencv-python-headless", "scikit-image", "trimesh", "vtk")
 """The distributions whose version can change a result."""
@@ -46,7 +47,7 @@ def machine() -> dict[str, str | int | float]:
     """Processor, cores that this process may use, memory in GiB and operating system."""
     return {
         "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        "cores": cores(),
         "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
         "system": f"{platform.system()} {platform.machine()}",
     }

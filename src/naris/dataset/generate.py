@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
@@ -21,6 +20,7 @@ import naris
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.atomic import PART, to_json, write_bytes, write_json, write_text
 from naris.core.camera import Intrinsics
+from naris.core.cores import cores
 from naris.core.progress import SILENT, Progress
 from naris.core.provenance import digest, plain
 from naris.dataset.layout import (
@@ -125,7 +125,7 @@ def simulate(
     chunks = [missing[i : i + _CHUNK] for i in range(0, len(missing), _CHUNK)]
     with progress.task("images", len(simulation.views)) as advance:
         advance(len(simulation.views) - len(missing))
-        for done in _each_done(simulation, scene, out, chunks, workers or _cores()):
+        for done in _each_done(simulation, scene, out, chunks, workers or cores()):
             advance(done)
     rows = (to_json(_row(simulation, i), indent=None) for i in range(len(simulation.views)))
     text = "".join(f"{row}\n" for row in rows)
@@ -236,7 +236,3 @@ def _row(simulation: Simulation, index: int) -> dict[str, Any]:
         "position": int(views.position[index]),
         "noise_seed": _chance(simulation, index)[1],
     }
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float32, Int32, Integer, UInt8
 
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Intrinsics
+from naris.core.cores import cores
 from naris.core.pose import CAMERA, Pose
 from naris.errors import InputError, PoseError
 from naris.render.appearance import ENDOSCOPE, Appearance
@@ -161,12 +162,6 @@ def render(
         appearances,
         chosen,
         frozenset(want),
-        threads or _cores(),
+        threads or cores(),
     )
     return scene.shoot(shot)
-
-
-def _cores() -> int:
-    import os
-
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
