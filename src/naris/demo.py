@@ -52,7 +52,7 @@ class DemoConfig:
     train_positions: int = 48
     test_positions: int = 16
     epochs: int = 3
-    budget_s: float = 215.0
+    budget_s: float = 190.0
     located: int = 8
     seed: int = 0
 

@@ -22,7 +22,7 @@ class Options:
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = Path("out/demo")
     """Folder of the pictures, the networks and the report: new, or one that this very command began."""
-    budget_s: float = 215.0
+    budget_s: float = 190.0
     """Seconds of training of the compact network; more is better."""
     seed: int = 0
     """Of everything random."""

@@ -55,8 +55,8 @@ TWO_LAYER_WORDS = (
     "Two convolutions and three linear layers on raw pixels, as published: 300×300, no normalisation, no augmentation."
 )
 COMPACT_WORDS = (
-    "A small residual network of ours on pictures of 112×112 with normalised brightness: heads for the region, for"
-    " the camera's pose with its uncertainty, and for whether a picture is of this world at all."
+    "A small residual network of ours on square pictures of normalised brightness: heads for the region, for the"
+    " camera's pose with its uncertainty, and for whether a picture is of this world at all."
 )
 
 
