@@ -23,7 +23,7 @@ from naris.errors import ImageError, RegionError
 from naris.locate import Doubt, is_localised, locate, read_picture, views_of, visible_area
 from naris.model.calibration import Calibration, fit_usual
 from naris.model.checkpoint import Checkpoint, Subject, save_checkpoint
-from naris.model.compact import CompactConfig, to_input
+from naris.model.compact import CompactConfig
 from naris.model.localizer import (
     Localizer,
     Outputs,
@@ -298,7 +298,7 @@ def test_a_picture_of_the_world_is_an_answer_and_another_is_not_more_sure_than_c
     assert known.out_of_domain < 0.5
     assert strange.out_of_domain == 1.0
     assert np.allclose(strange.probabilities, 1 / 3, atol=0.01)
-    (plain,) = localizer.network(to_input(torch.from_numpy(fitted(page[None], 48)))).region_logits.detach().numpy()
+    (plain,) = localizer.network(torch.from_numpy(fitted(page[None], 48))).region_logits.detach().numpy()
     assert strange.region == plain.argmax()
     assert not is_localised(strange)
 

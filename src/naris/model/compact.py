@@ -12,18 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Shaped
 from torch import Tensor, nn
 from torch.nn import functional
 
 from naris.errors import InputError
 from naris.model.rotation import matrix_of_six
+from naris.model.small_maps import conv3x3
 
 COMPACT = "compact"
 TWIST = 6
 _TRIANGLE = TWIST * (TWIST + 1) // 2
 _NUMBERS = 1 + 3 + 6 + _TRIANGLE  # of one hypothesis: its weight, position, rotation, covariance factor
 _PATCH = 4  # edge of the patches of pixels that the first convolution sees as one
+_SMALL = 4  # pixels across, up to which `conv3x3` is quicker than torch
 _DARKEST = 4.0  # grey levels added to the contrast, so that a black picture is not blown up to noise
 _UNIT = (6.0, 6.0, 6.0, 0.3, 0.3, 0.3)  # mm and rad: errors before training, so that it starts with a fair claim
 
@@ -83,14 +85,27 @@ class CompactOutput(NamedTuple):
     factor: Float[Tensor, "b m 6 6"]
 
 
+class _Conv(nn.Conv2d):
+    """A 3×3 convolution that takes the way that is quicker for its map; the weights are torch's."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
+        super().__init__(inputs, outputs, 3, stride, 1, bias=False)
+
+    def forward(self, input: Tensor) -> Tensor:
+        across = -(-input.shape[-1] // self.stride[0])
+        if self.training and across <= _SMALL:
+            return conv3x3(input, self.weight, self.stride[0])
+        return super().forward(input)
+
+
 class _Block(nn.Module):
     """Two 3×3 convolutions and a way around them."""
 
     def __init__(self, inputs: int, outputs: int, stride: int) -> None:
         super().__init__()
-        self.conv1 = nn.Conv2d(inputs, outputs, 3, stride, 1, bias=False)
+        self.conv1 = _Conv(inputs, outputs, stride)
         self.norm1 = nn.BatchNorm2d(outputs)
-        self.conv2 = nn.Conv2d(outputs, outputs, 3, 1, 1, bias=False)
+        self.conv2 = _Conv(outputs, outputs)
         self.norm2 = nn.BatchNorm2d(outputs)
         nn.init.zeros_(self.norm2.weight)  # a block starts as the identity: deeper nets start as easily as shallow ones
         self.around: nn.Module = nn.Identity()
@@ -152,9 +167,9 @@ class Compact(nn.Module):
         modules = (self.stem, self.stages, self.reduce, self.embed)
         return [weight for module in modules for weight in module.parameters() if weight.ndim > 1]
 
-    def forward(self, images: Float[Tensor, "b 3 h w"]) -> CompactOutput:
-        """Of RGB pictures (B, 3, input_px, input_px), values 0–255."""
-        maps = self.stages(self.stem(patches(standardise(images))))
+    def forward(self, images: Shaped[Tensor, "b h w 3"]) -> CompactOutput:
+        """Of RGB pictures (B, input_px, input_px, 3), values 0–255, uint8 or floating point."""
+        maps = self.stages(self.stem(patches(images)))
         embedding = self.embed(self.reduce(maps).flatten(1))
         # The heads are small and their numbers matter: float32, whatever the maps were computed in.
         with torch.autocast(images.device.type, enabled=False):
@@ -172,32 +187,22 @@ class Compact(nn.Module):
             )
 
 
-def standardise(images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b 3 h w"]:
-    """Each channel of each picture to mean 0 and deviation about 1: what gain and tint were, the network cannot see.
+def patches(images: Shaped[Tensor, "b h w 3"]) -> Float[Tensor, "b 48 i j"]:
+    """The standardised 4×4 pixels of each patch side by side as channels, in the order (row, column, colour).
 
-    The work is done on (B, H·W, 3), the order in which the pictures lie; torch's own `std_mean` is slow across it.
+    Each colour of each picture has mean 0 and deviation about 1: what gain and tint were, the network cannot see. A
+    convolution over a map of a quarter of the edge with many channels costs a fifth of one over pixels.
     """
-    batch, _, height, width = images.shape
-    flat = images.permute(0, 2, 3, 1).flatten(1, 2)
-    mean = flat.mean(dim=1, keepdim=True)
-    variance = (flat * flat).mean(dim=1, keepdim=True) - mean * mean
-    scale = 1 / (variance.clamp_min(0).sqrt() + _DARKEST)
-    return torch.addcmul(-mean * scale, flat, scale).view(batch, height, width, 3).permute(0, 3, 1, 2)
-
-
-def patches(images: Float[Tensor, "b 3 h w"]) -> Float[Tensor, "b 48 i j"]:
-    """The 4×4 pixels of each patch side by side as channels, in the order (row, column, colour).
-
-    A convolution over a map of a quarter of the edge with many channels costs a fifth of one over pixels.
-    """
-    batch, colours, height, width = images.shape
-    pixels = images.permute(0, 2, 3, 1).reshape(batch, height // _PATCH, _PATCH, width // _PATCH, _PATCH, colours)
-    return pixels.transpose(2, 3).flatten(3).permute(0, 3, 1, 2)
-
-
-def to_input(images: UInt8[Tensor, "b h w 3"]) -> Float[Tensor, "b 3 h w"]:
-    """uint8 pictures (B, H, W, 3) as float32 (B, 3, H, W), values 0–255, in the memory order of the pictures."""
-    return images.permute(0, 3, 1, 2).to(torch.float32)
+    batch, height, width, colours = images.shape
+    rows, across = height // _PATCH, width // _PATCH
+    cut = images.reshape(batch, rows, _PATCH, across, _PATCH, colours).transpose(2, 3)
+    flat = cut.reshape(batch, rows * across, _PATCH**2 * colours).to(torch.float32)
+    # Long rows first, colours last: sums and products over three numbers at a time are slow.
+    mean = flat.mean(dim=1).view(batch, -1, colours).mean(dim=1)
+    square = flat.square().mean(dim=1).view(batch, -1, colours).mean(dim=1)
+    scale = 1 / ((square - mean * mean).clamp_min(0).sqrt() + _DARKEST)
+    scale, shift = (row.repeat(1, _PATCH**2)[:, None] for row in (scale, -mean * scale))
+    return torch.addcmul(shift, flat, scale).view(batch, rows, across, -1).permute(0, 3, 1, 2)
 
 
 def _factor(triangle: Float[Tensor, "b m t"]) -> Float[Tensor, "b m 6 6"]:

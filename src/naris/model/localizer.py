@@ -20,7 +20,7 @@ from naris.core.pose import CAMERA, Pose
 from naris.core.provenance import plain
 from naris.core.results import Prediction
 from naris.errors import CheckpointError
-from naris.model import compact, two_layer
+from naris.model import two_layer
 from naris.model.calibration import Calibration
 from naris.model.checkpoint import Checkpoint, Tensors, load_checkpoint
 from naris.model.compact import COMPACT, Compact, CompactConfig
@@ -250,7 +250,7 @@ def _run_part(network: nn.Module, images: torch.Tensor) -> Outputs:
         return Outputs(network.fc3(embedding).numpy(), embedding.numpy())
     if not isinstance(network, Compact):
         raise TypeError(f"no such network: {type(network).__name__}")
-    said = network(compact.to_input(images))
+    said = network(images)
     order = said.hypothesis_logits.argsort(dim=1, descending=True)
     weights = said.hypothesis_logits.softmax(dim=1).gather(1, order)
     rows = torch.arange(len(order))[:, None]

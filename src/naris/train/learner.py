@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from naris.errors import CheckpointError
-from naris.model import compact, two_layer
+from naris.model import two_layer
 from naris.model.checkpoint import Checkpoint, Subject, Tensors
 from naris.model.compact import Compact
 from naris.model.localizer import build, config_json, load_weights, name_of, weights_of
@@ -128,7 +128,7 @@ class Learner:
             zero = torch.zeros(())
             return Losses(loss, loss, zero, zero, zero, zero)
         with torch.autocast("cpu", torch.bfloat16, enabled=self.precision == "bfloat16"):
-            output = self.network(compact.to_input(images))
+            output = self.network(images)
         strange = len(images) - len(region)
         pose = torch.from_numpy(lesson.pose.astype(np.float32))
         targets = Targets(
