@@ -19,7 +19,7 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 help:  ## this list
 	@grep -E '^[a-z]+: .*##' Makefile | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 14
 
-demo: .venv/.installed  ## a nose, pictures of it, a network trained on them, a report: about five minutes
+demo: .venv/.compiled  ## a nose, pictures of it, a network trained on them, a report: about five minutes
 	$(BIN)/naris demo
 
 test: lint  ## all checks and all tests, with coverage
@@ -52,6 +52,11 @@ clean:  ## remove the environment, caches and outputs
 
 .venv/.installed: .venv/.python pyproject.toml constraints.txt
 	$(PIP) -e .
+	@touch $@
+
+# The renderer is compiled when it is first used, which takes half a minute.
+.venv/.compiled: .venv/.installed
+	$(BIN)/python -c "from naris.anatomy.builtin import built_in_nose as nose; from naris.render.scene import Scene; Scene(nose())"
 	@touch $@
 
 .venv/.installed-dev: .venv/.python pyproject.toml constraints.txt

@@ -55,6 +55,7 @@ def test_an_interrupted_stage_counts_all_its_parts_and_an_ended_one_no_more(tmp_
     third.note("train", "two runs", "train: a network")
     assert (third.stages[0].name, third.stages[0].wall_s, third.stages[0].cpu_s) == ("train: a network", 90.0, 120.0)
     assert third.in_all() == (93.0, 124.0)
+    assert third.so_far_s() == 93.0
     assert (tmp_path / STAGES).stat().st_mtime_ns == written
 
 

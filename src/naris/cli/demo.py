@@ -22,8 +22,8 @@ class Options:
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = Path("out/demo")
     """Folder of the pictures, the networks and the report: new, or one that this very command began."""
-    budget_s: float = 190.0
-    """Seconds of training of the compact network; more is better."""
+    budget_s: float | None = None
+    """Seconds of training of the compact network, more is better; what is left of five minutes when not given."""
     seed: int = 0
     """Of everything random."""
 

@@ -96,6 +96,10 @@ class Journal:
             return None, None
         return round(sum(wall or 0.0 for wall, _ in every), 3), round(sum(cpu or 0.0 for _, cpu in every), 3)
 
+    def so_far_s(self) -> float:
+        """Wall seconds that are on record, of all stages."""
+        return sum(spent.wall_s for spent in self._spent.values())
+
     def _seconds(self, name: str) -> tuple[float | None, float | None]:
         spent = self._spent[name]
         return (spent.wall_s, spent.cpu_s) if spent.known and spent.ended else (None, None)
