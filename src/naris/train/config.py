@@ -178,6 +178,10 @@ COMPACT_AT_WILL = TrainConfig(
 """The compact network on views that are rendered as it learns."""
 
 COMPACT_DEMO = COMPACT_AT_WILL.lasting(budget_s=140.0).with_(
-    name="compact, demo", network=CompactConfig(input_px=96), average=0.995
+    name="compact, demo", network=CompactConfig(input_px=96), average=0.995, replay=Replay(times=8, memory=96)
 )
-"""The same in little more than two minutes: smaller pictures give a quarter more steps in that time."""
+"""The same in little more than two minutes.
+
+Smaller pictures that are shown more often make room for half as many steps again on two cores, and in so short a time
+steps are what is short: 1,192 of them in 200 s instead of 689 named 86 % of regions instead of 76 %.
+"""
