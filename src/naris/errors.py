@@ -2,6 +2,7 @@
 
 NarisError
 ├── InputError                  what the user gave cannot be used (exit status 2)
+│   ├── ScanError               not a CT, or one whose geometry is incomplete or contradicts itself
 │   ├── SurfaceError            not a mesh, open, inside out, in the wrong unit
 │   ├── PoseError               not a rigid transform, NaN, wrong frame, outside the lumen
 │   ├── RegionError             unknown region, or a model made for other regions
@@ -39,6 +40,10 @@ class NarisError(Exception):
 
 class InputError(NarisError):
     """What the user gave cannot be used."""
+
+
+class ScanError(InputError):
+    """The scan is not a CT that can be read, or its geometry is incomplete or contradicts itself."""
 
 
 class SurfaceError(InputError):

@@ -1,0 +1,1 @@
+"""Scans of patients: read from files, their geometry checked, resampled where it has to be."""

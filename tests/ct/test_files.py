@@ -1,0 +1,194 @@
+"""Scans in one file: SimpleITK, which turns everything to LPS by itself, is the oracle for where voxels are."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import nibabel
+import nrrd
+import numpy as np
+import pytest
+import SimpleITK as sitk
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from naris.ct.files import read_file
+from naris.errors import ScanError
+from tests.ct.dicom_files import grid
+
+TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+def affine(seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.random(rng=rng).as_matrix() @ np.diag(rng.choice([-1, 1], 3)) * rng.uniform(0.3, 2, 3)
+    matrix[:3, 3] = rng.normal(size=3) * 50
+    return matrix
+
+
+def write(path: Path, hu: np.ndarray, matrix: np.ndarray) -> Path:
+    """A scan whose voxels lie where the LPS matrix puts them, in the format that the name says."""
+    if ".nii" in path.name:
+        image = nibabel.Nifti1Image(hu, TURN @ matrix)
+        image.set_sform(TURN @ matrix, code=1)
+        image.set_qform(TURN @ matrix, code=1)
+        image.header.set_xyzt_units("mm")
+        nibabel.save(image, path)
+    elif path.suffix == ".nrrd":
+        header = {
+            "space": "left-posterior-superior",
+            "space directions": matrix[:3, :3].T,
+            "space origin": matrix[:3, 3],
+        }
+        nrrd.write(str(path), hu, header)
+    else:
+        image = sitk.GetImageFromArray(hu.transpose(2, 1, 0))
+        spacing = np.linalg.norm(matrix[:3, :3], axis=0)
+        image.SetSpacing(spacing.tolist())
+        image.SetDirection((matrix[:3, :3] / spacing).ravel().tolist())
+        image.SetOrigin(matrix[:3, 3].tolist())
+        sitk.WriteImage(image, str(path))
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.mha", "a.mhd"])
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_every_voxel_is_where_it_was_put_and_where_simpleitk_finds_it(
+    name: str, seed: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    hu, matrix = grid(seed, (7, 6, 5)), affine(seed)
+    path = write(tmp_path_factory.mktemp("s") / name, hu, matrix)
+    scan = read_file(path)
+    assert scan.findings == ()
+    np.testing.assert_array_equal(scan.volume.hu, hu)
+    np.testing.assert_allclose(scan.volume.frame_T_index, matrix, atol=1e-4)
+    theirs = sitk.ReadImage(str(path))
+    index = (5, 2, 3)
+    np.testing.assert_allclose(
+        scan.volume.points_mm(np.array(index)), theirs.TransformIndexToPhysicalPoint(index), atol=1e-3
+    )
+    assert scan.volume.hu[index] == theirs[index]
+
+
+@pytest.mark.parametrize(
+    ("space", "signs"),
+    [
+        ("right-anterior-superior", (-1, -1, 1)),
+        ("RAS", (-1, -1, 1)),
+        ("left-anterior-superior", (1, -1, 1)),
+        ("LPS", (1, 1, 1)),
+    ],
+)
+def test_nrrd_frames_are_turned_to_lps(space: str, signs: tuple[int, int, int], tmp_path: Path) -> None:
+    directions, origin = np.diag([0.5, 0.6, 2.0]), np.array([3.0, 5.0, 7.0])
+    header = {"space": space, "space directions": directions, "space origin": origin}
+    nrrd.write(str(tmp_path / "a.nrrd"), grid(), header)
+    volume = read_file(tmp_path / "a.nrrd").volume
+    np.testing.assert_allclose(volume.points_mm(np.array([2, 3, 4])), np.array([4.0, 6.8, 15.0]) * signs)
+
+
+def test_a_sheared_nrrd_is_straightened(tmp_path: Path) -> None:
+    directions = np.array([[0.5, 0, 0], [0, 0.5, 0], [0, 0.3, 1.0]])
+    header = {"space": "LPS", "space directions": directions, "space origin": np.zeros(3)}
+    hu = np.broadcast_to(np.arange(0, 400, 10, dtype=np.int16)[:, None, None], (40, 30, 12)).copy()
+    nrrd.write(str(tmp_path / "a.nrrd"), hu, header)
+    scan = read_file(tmp_path / "a.nrrd")
+    assert [finding.code for finding in scan.findings] == ["tilt"]
+    assert scan.volume.skew_deg < 1e-6
+    middle = scan.volume.hu[10, 20, 5]
+    assert middle == 100
+
+
+def test_real_valued_scans_are_rounded_and_kept_in_range(tmp_path: Path) -> None:
+    hu = grid().astype(np.float32) + 0.3
+    hu[0, 0, 0], hu[1, 0, 0] = 1e9, np.nan
+    path = write(tmp_path / "a.nii.gz", hu, affine(1))
+    values = read_file(path).volume.hu
+    assert values[0, 0, 0] == 32767 and values[1, 0, 0] == -32768
+    np.testing.assert_array_equal(values[2:], grid()[2:])
+
+
+def test_nifti_in_metres_is_brought_to_mm_and_one_without_a_unit_says_so(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.nii", grid(), affine(2))
+    image = nibabel.load(path)
+    image.header.set_xyzt_units("meter")
+    nibabel.save(image, tmp_path / "b.nii")
+    np.testing.assert_allclose(
+        read_file(tmp_path / "b.nii").volume.spacing_mm, 1000 * read_file(path).volume.spacing_mm
+    )
+    image.header.set_xyzt_units("unknown")
+    nibabel.save(image, tmp_path / "c.nii")
+    assert [finding.code for finding in read_file(tmp_path / "c.nii").findings] == ["unit"]
+
+
+def test_two_geometries_in_one_nifti_are_told(tmp_path: Path) -> None:
+    image = nibabel.load(write(tmp_path / "a.nii", grid(), affine(3)))
+    image.set_qform(TURN @ affine(4), code=1)
+    nibabel.save(image, tmp_path / "b.nii")
+    scan = read_file(tmp_path / "b.nii")
+    assert [finding.code for finding in scan.findings] == ["two geometries"]
+    np.testing.assert_allclose(scan.volume.frame_T_index, affine(3), atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.mha"])
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 0.9])
+def test_files_that_break_off(name: str, share: float, tmp_path: Path) -> None:
+    path = write(tmp_path / name, grid(), affine(0))
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ScanError, match=name):
+        read_file(path)
+
+
+def broken(kind: str, folder: Path) -> Path:
+    path = folder / ("a.nii" if kind in ("no geometry", "bomb", "film", "flat") else "a.nrrd")
+    header = {"space": "LPS", "space directions": np.eye(3), "space origin": np.zeros(3)}
+    if kind == "film":
+        nibabel.save(nibabel.Nifti1Image(np.zeros((4, 4, 4, 3), np.int16), np.eye(4)), path)
+    elif kind == "flat":
+        nibabel.save(nibabel.Nifti1Image(np.zeros((4, 4), np.int16), np.eye(4)), path)
+    elif kind == "bomb":
+        image = nibabel.Nifti1Image(np.zeros((4, 4, 4), np.int16), np.eye(4))
+        nibabel.save(image, path)
+        content = bytearray(path.read_bytes())
+        content[42:48] = np.array([30000, 30000, 30000], "<i2").tobytes()
+        path.write_bytes(content)
+    elif kind == "no geometry":
+        image = nibabel.Nifti1Image(grid(), None)
+        image.header["sform_code"] = image.header["qform_code"] = 0
+        nibabel.save(image, path)
+    elif kind == "no space":
+        nrrd.write(str(path), grid(), {})
+    elif kind == "scanner":
+        nrrd.write(str(path), grid(), header | {"space": "scanner-xyz"})
+    elif kind == "packed bomb":
+        nrrd.write(str(path), np.zeros((4, 4, 4), np.int16), header | {"encoding": "gzip"})
+        head = path.read_bytes().split(b"\n\n", 1)[0]
+        path.write_bytes(head + b"\n\n" + gzip.compress(b"\0" * 50_000_000))
+    elif kind == "kind":
+        path = folder / "a.tif"
+        path.write_bytes(b"II*\0")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("film", "three axes in a.nii, got 4×4×4×3"),
+        ("flat", "three axes in a.nii, got 4×4"),
+        ("bomb", "30000×30000×30000"),
+        ("no geometry", "sform or a qform"),
+        ("no space", "space directions"),
+        ("scanner", "scanner-xyz"),
+        ("packed bomb", "as its header says, got more"),
+        ("kind", "a DICOM folder or a file"),
+        ("nothing", "a whole NRRD file"),
+    ],
+)
+def test_what_is_no_scan_is_refused(kind: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ScanError, match=message):
+        read_file(broken(kind, tmp_path))

@@ -1,0 +1,65 @@
+"""Scans by their path: real ones are read as SimpleITK reads them, and what is no CT is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+
+from naris.core.volume import Volume
+from naris.ct.read import check_values, read_scan
+from naris.ct.scan import Scan
+from naris.errors import ScanError
+from tests.ct.dicom_files import affine, grid, images, write
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+REAL = [SHARED / "nasalseg-p001" / "P001_img.nrrd", SHARED / "ct-head" / "ct_head.nii.gz"]
+
+
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.name)
+def test_real_scans_lie_where_another_library_puts_them(path: Path) -> None:
+    if not path.is_file():
+        pytest.skip(f"{path.name} of the shared data is not here")
+    scan = read_scan(path)
+    theirs = sitk.ReadImage(str(path))
+    assert scan.volume.shape == theirs.GetSize()
+    corner = tuple(n - 1 for n in scan.volume.shape)
+    for index in ((0, 0, 0), corner, tuple(n // 2 for n in scan.volume.shape)):
+        place = theirs.TransformIndexToPhysicalPoint([int(n) for n in index])
+        np.testing.assert_allclose(scan.volume.points_mm(np.array(index)), place, atol=1e-3)
+        assert scan.volume.hu[index] == pytest.approx(theirs[[int(n) for n in index]], abs=0.5)
+
+
+def test_a_dicom_folder_and_one_of_its_files(tmp_path: Path) -> None:
+    hu = grid()
+    hu[:8] = -1000
+    hu[8:16] = 40
+    write(tmp_path, images(hu, affine()))
+    assert read_scan(tmp_path).format == "DICOM"
+    one = next(path for path in tmp_path.rglob("*") if path.is_file())
+    with pytest.raises(ScanError, match="a CT series of 3 images"):
+        read_scan(one)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.full((8, 8, 8), 37), "37 HU throughout"),
+        (grid(shape=(16, 16, 16)).astype(int) + 1024, "rescale intercept were lost"),
+        (np.random.default_rng(0).integers(0, 900, (16, 16, 16)), "rescale intercept were lost"),
+        (np.random.default_rng(0).integers(-2000, -1500, (16, 16, 16)), "values -2000 to -1501"),
+    ],
+)
+def test_values_that_no_ct_has(values: np.ndarray, message: str) -> None:
+    with pytest.raises(ScanError, match=message):
+        check_values(Scan(Volume(values.astype(np.int16), np.eye(4)), "NRRD", 1.0))
+
+
+def test_nothing_there(tmp_path: Path) -> None:
+    with pytest.raises(ScanError, match="nothing there"):
+        read_scan(tmp_path / "absent.nrrd")
+    (tmp_path / "a.nrrd").write_bytes(b"NRRD0004\n")
+    with pytest.raises(ScanError, match="leave --series out"):
+        read_scan(tmp_path / "a.nrrd", series="4")
