@@ -64,6 +64,8 @@ def benchmarks(results: Mapping[str, BenchResult]) -> str:
         "",
         "This page is generated from `benchmarks/results/*.json` by `python docs/make_benchmark_pages.py`. Each file",
         "was written by `naris bench NAME --out benchmarks/results/NAME.json`, in full, on the commit that it names.",
+        "With `--work DIR`, `reproduce` reads the trainings of the same settings that an earlier call finished there;",
+        "their own seconds are among the figures.",
         "`naris bench NAME --quick` measures the same with fewer trials in a minute.",
         "",
     ]

@@ -20,7 +20,7 @@ def _network(seed: int = 0) -> Compact:
 
 def _learn(network: Compact, optimiser: Optimiser, seed: int, share: float = 1.0) -> None:
     torch.manual_seed(seed)
-    output = network(torch.rand(48, 3, 16, 16) * 255)
+    output = network(torch.rand(48, 16, 16, 3) * 255)
     (output.region_logits.square().sum() + output.position.square().sum()).backward()
     optimiser.step(share)
 

@@ -90,7 +90,7 @@ def test_evaluation_counts_what_the_library_says(pictures: Path, trained: Path, 
 
 def test_locating_says_what_the_library_says(pictures: Path, trained: Path, capfd) -> None:
     files = [str(pictures / "images" / f"{i:06d}.png") for i in range(3)]
-    doubtless = ["--probability", "0", "--out-of-domain", "1.1"]
+    doubtless = ["--probability", "0", "--out-of-domain", "1"]
     assert main(["locate", *files, "-m", str(trained), *doubtless, "--json"]) == 0
     told = json.loads(capfd.readouterr().out)
     assert told["model"]["regions"] == ["one", "two", "three", "four"]
@@ -107,12 +107,10 @@ def test_locating_says_what_the_library_says(pictures: Path, trained: Path, capf
 
 def test_nothing_localised_is_status_1_with_the_reason(pictures: Path, trained: Path, capfd) -> None:
     picture = str(pictures / "images" / "000000.png")
-    assert main(["locate", picture, "-m", str(trained), "--probability", "1.1", "--out-of-domain", "1.1"]) == 1
+    assert main(["locate", picture, "-m", str(trained), "--probability", "1", "--out-of-domain", "1"]) == 1
     assert "not localised, no region is likely enough" in capfd.readouterr().out
     # A training of so few steps is not sure of its own pictures either: the region alone shall be the reason.
-    assert (
-        main(["locate", picture, "-m", str(trained), "--probability", "1.1", "--out-of-domain", "1.1", "--json"]) == 1
-    )
+    assert main(["locate", picture, "-m", str(trained), "--probability", "1", "--out-of-domain", "1", "--json"]) == 1
     (told,) = json.loads(capfd.readouterr().out)["pictures"]
     assert (told["localised"], told["why_not"]) == (False, "no region is likely enough")
 

@@ -33,6 +33,8 @@ from naris.cli.options import ALLOWED, Range
         "evaluate x -d y -o out --threads -1",
         "locate x.png -m y --threads -1",
         "locate x.png -m y --probability nan",
+        "locate x.png -m y --probability 7",
+        "locate x.png -m y --out-of-domain -1",
         "fetch mean-nose -o out --timeout-s -1",
         "fetch mean-nose -o out --timeout-s 1e300",
         "fetch mean-nose -o out --attempts 0",

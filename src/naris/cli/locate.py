@@ -29,7 +29,7 @@ class Options:
     """Camera that took the pictures: JSON with width, height, fx, fy, cx, cy in pixels and the lens, as in the
     dataset.json of a data set; by default the angle of the training's pictures is assumed."""
     out_of_domain: float = 0.5
-    """A picture that is this far from those of the training (0–1) is not localised."""
+    """A picture that is further than this from those of the training (0–1) is not localised; 1 refuses none."""
     probability: float = 0.7
     """The most probable region must be at least so probable, or the picture is not localised."""
     threads: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
@@ -81,7 +81,7 @@ def _model(checkpoint: Checkpoint) -> dict[str, Any]:
 
 
 def _why_not(prediction: Prediction, doubt: Doubt) -> str | None:
-    if prediction.out_of_domain is not None and prediction.out_of_domain >= doubt.out_of_domain:
+    if prediction.out_of_domain is not None and prediction.out_of_domain > doubt.out_of_domain:
         return "unlike the training's pictures"
     return "no region is likely enough" if prediction.probabilities.max() < doubt.probability else None
 
@@ -120,7 +120,8 @@ def _line(told: dict[str, Any]) -> str:
     if not told["localised"]:
         return f"{told['picture']}: not localised, {told['why_not']} (best guess {guess})"
     if not told["hypotheses"]:
-        return f"{told['picture']}: {guess}"
+        judged = "" if told["out_of_domain"] is not None else " (this model cannot tell pictures of something else)"
+        return f"{told['picture']}: {guess}{judged}"
     best = told["hypotheses"][0]
     x, y, z = (row[3] for row in best["anatomy_T_camera"][:3])
     spread = f" ± {best['sd_mm']:.1f} mm" if "sd_mm" in best else " mm"

@@ -37,7 +37,9 @@ def model_files(paths: Sequence[Path]) -> tuple[Path, ...]:
         else:
             seeds = sorted(path.glob(f"seed-*/{MODEL}"), key=lambda file: (len(file.parent.name), file))
             if not seeds:
-                raise CheckpointError(f"a finished training in {path}", f"no {MODEL}", "finish it or give a model file")
+                below = sorted(path.glob(f"*/**/{MODEL}"))
+                todo = f"name one of those below it, such as {below[0]}" if below else "finish it or give a model file"
+                raise CheckpointError(f"a finished training in {path}", f"no {MODEL}", todo)
             found += seeds
     if not found:
         raise CheckpointError("a model", "none", "name a file or folder made by naris train")

@@ -40,6 +40,7 @@ class Range:
 
 _COUNT, _SEED, _AT_A_TIME = Range(1), Range(0, 2**63 - 1), Range(1, 1024)
 _LENGTH, _SILENCE = Range(0, above=True), Range(0, 24 * 3600, above=True)
+_SHARE = Range(0, 1)
 
 ALLOWED: Mapping[str, Range] = {
     "seed": _SEED,
@@ -57,6 +58,8 @@ ALLOWED: Mapping[str, Range] = {
     "at_will_steps": _COUNT,
     "attempts": _COUNT,
     "step_mm": _LENGTH,
+    "probability": _SHARE,
+    "out_of_domain": _SHARE,
     "budget_s": _LENGTH,
     "timeout_s": _SILENCE,
 }

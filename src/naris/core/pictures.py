@@ -38,7 +38,7 @@ def read_picture(path: Path, least_px: int = LEAST_PX) -> UInt8[np.ndarray, "h w
     """
     todo = "give a PNG, JPEG, TIFF, BMP or WebP picture"
     if not path.is_file():
-        raise ImageError(f"a picture in {path}", "no such file", "check the path")
+        raise ImageError(f"a picture in {path}", "a folder" if path.is_dir() else "no such file", "check the path")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of sizes, which are judged here, and of odd notes that are not used

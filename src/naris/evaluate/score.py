@@ -171,7 +171,7 @@ def score(said: Said, *, by: Cluster = "position", rng: np.random.Generator | No
         nonneighbour_error(confusion, said.regions.neighbours),
         reliability(np.exp(said.log_probabilities.max(axis=1)), right),
         _pose_score(said),
-        None if said.out_of_domain is None else float((said.out_of_domain >= _REFUSED).mean()),
+        None if said.out_of_domain is None else float((said.out_of_domain > _REFUSED).mean()),
     )
 
 
