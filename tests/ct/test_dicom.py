@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from naris.core.volume import Volume
 from naris.ct.dicom import find_series, read_dicom
+from naris.ct.resample import sampled
 from naris.errors import ScanError
 from tests.ct.dicom_files import INTERCEPT, PATIENT, affine, grid, images, write
 
@@ -77,8 +78,6 @@ def test_a_tilted_gantry_is_straightened_through_its_true_geometry(tmp_path: Pat
     volume = scan.volume
     assert volume.skew_deg < 1e-6
     inside = (places[1:-1, 1:-1, 1:-1]).reshape(-1, 3)
-    from naris.ct.resample import sampled
-
     expected = 20 * inside[:, 0] + 30 * inside[:, 1] + 10 * inside[:, 2] - 1000
     assert np.abs(sampled(volume, inside) - expected).max() < 40  # half a voxel of nothing beyond the border
     assert np.median(np.abs(sampled(volume, inside) - expected)) < 1.0
@@ -209,6 +208,17 @@ def test_an_mr_is_no_ct(tmp_path: Path) -> None:
         read_dicom(tmp_path)
     with pytest.raises(ScanError, match="a CT, got modality MR"):
         read_dicom(tmp_path, "4")
+
+
+def test_a_picture_without_a_place_or_a_class_is_no_slice(tmp_path: Path) -> None:
+    hu, matrix = grid(), affine()
+    datasets = images(hu, matrix)
+    stray = images(hu, matrix, datasets[0].SeriesInstanceUID)[0]
+    del stray.SOPClassUID, stray.ImagePositionPatient
+    write(tmp_path, datasets)
+    path = tmp_path / "stray"
+    stray.save_as(path, enforce_file_format=True)
+    assert_voxels_are_at(read_dicom(tmp_path).volume, hu, matrix)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5, 0.98])

@@ -23,7 +23,7 @@ from naris.core.progress import SILENT, Progress
 from naris.core.volume import Volume
 from naris.ct.resample import even, upright
 from naris.ct.scan import Finding, Scan
-from naris.ct.slices import FEWEST, Plane, Stack, stacked
+from naris.ct.slices import FEWEST, SAME_DIRECTION_RAD, SAME_PLACE_MM, Plane, Stack, stacked
 from naris.errors import ScanError
 
 MOST_VOXELS = 2**29
@@ -36,7 +36,6 @@ _TAGS = [
 ]  # fmt: skip
 _STRAY = 0.1  # share of a series' images in other orientations that may be left out as stray localisers
 _WIDEST_MM = 3.0  # gap between slices that linear interpolation may bridge
-_SAME_PLACE_MM = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +195,7 @@ def _images(path: Path, header: Any) -> Iterator[Image]:
         orientation = _find("PlaneOrientationSequence", "ImageOrientationPatient", own, shared)
         spacing = _find("PixelMeasuresSequence", "PixelSpacing", own, shared)
         if position is None or orientation is None or spacing is None:
-            if header.SOPClassUID in (CTImageStorage, EnhancedCTImageStorage):
+            if header.get("SOPClassUID") in (CTImageStorage, EnhancedCTImageStorage):
                 raise _broken_off(path)
             continue
         slope = _find("PixelValueTransformationSequence", "RescaleSlope", own, shared)
@@ -252,12 +251,7 @@ def _of_one_orientation(series: Series, findings: list[Finding]) -> tuple[Image,
     groups: list[list[Image]] = []
     for image in series.images:
         for group in groups:
-            like = group[0].plane
-            turned = max(
-                float(np.linalg.norm(image.plane.along_row - like.along_row)),
-                float(np.linalg.norm(image.plane.along_column - like.along_column)),
-            )
-            if turned < 1e-3:
+            if image.plane.turned_rad(group[0].plane) <= SAME_DIRECTION_RAD:
                 group.append(image)
                 break
         else:
@@ -289,7 +283,7 @@ def _without_copies(images: Sequence[Image], findings: list[Finding]) -> list[Im
     copies = 0
     for number in np.argsort(depth, kind="stable"):
         image = images[number]
-        if depth[number] - last > _SAME_PLACE_MM:
+        if depth[number] - last > SAME_PLACE_MM:
             kept.append(image)
             last = depth[number]
         elif np.array_equal(_hu_of(image), _hu_of(kept[-1])):

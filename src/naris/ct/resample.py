@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Float32, Int16
-from scipy.ndimage import affine_transform
+from scipy.ndimage import affine_transform, map_coordinates
 
 from naris.core.volume import Volume
 from naris.ct.slices import Stack
@@ -32,18 +32,13 @@ def even(hu: Int16[np.ndarray, "ni nj nk"], stack: Stack) -> tuple[Int16[np.ndar
     ends = stack.positions_mm[[0, -1]]
     positions = ends[0] + (wanted / depth[-1])[:, None] * (ends[1] - ends[0])
     step = float(depth[-1]) / (count - 1)
-    gaps = np.full(count - 1, step)
-    return out, Stack(
-        np.arange(count),
-        positions,
-        stack.normal,
-        stack.along_row,
-        stack.along_column,
-        stack.spacing_mm,
-        step,
-        gaps,
-        np.zeros(0, dtype=np.int64),
-        stack.tilt_deg,
+    return out, replace(
+        stack,
+        order=np.arange(count),
+        positions_mm=positions,
+        step_mm=step,
+        gaps_mm=np.full(count - 1, step),
+        missing=np.zeros(0, dtype=np.int64),
     )
 
 
@@ -73,8 +68,6 @@ def upright(volume: Volume) -> Volume:
 
 def sampled(volume: Volume, points_mm: Float[np.ndarray, "*n 3"], outside: float = AIR_HU) -> Float32[np.ndarray, "*n"]:
     """Trilinear values at points (..., 3) in mm; `outside` beyond the voxel centres."""
-    from scipy.ndimage import map_coordinates
-
-    index: Sequence[np.ndarray] = np.moveaxis(volume.index(points_mm), -1, 0)  # type: ignore[assignment]
+    index = np.moveaxis(volume.index(points_mm), -1, 0)
     values = map_coordinates(volume.hu, index, np.float32, order=1, mode="constant", cval=outside, prefilter=False)
     return np.asarray(values)

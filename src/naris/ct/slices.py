@@ -17,9 +17,9 @@ from jaxtyping import Float, Int
 from naris.errors import ScanError
 
 FEWEST = 3
-_SAME_DIRECTION = 1e-3  # rad; headers round direction cosines to six digits or fewer
+SAME_DIRECTION_RAD = 1e-3  # headers round direction cosines to six digits or fewer
 _SAME_SPACING = 1e-3  # share
-_SAME_PLACE_MM = 0.01
+SAME_PLACE_MM = 0.01
 _EVEN, _EVEN_MM = 0.02, 0.03  # slices less off their even places, in steps or mm, are there: positions are rounded
 _ASIDE_MM = 0.1
 _UPRIGHT_DEG = 0.1
@@ -52,7 +52,7 @@ class Plane:
             )
         lengths = [float(np.linalg.norm(one)) for one in (self.along_row, self.along_column)]
         cosine = float(self.along_row @ self.along_column)
-        if max(abs(length - 1) for length in lengths) > _SAME_DIRECTION or abs(cosine) > _SAME_DIRECTION:
+        if max(abs(length - 1) for length in lengths) > SAME_DIRECTION_RAD or abs(cosine) > SAME_DIRECTION_RAD:
             raise ScanError(
                 "rows and columns of length 1 at right angles in Image Orientation (Patient)",
                 f"{_told(self.along_row)} and {_told(self.along_column)}",
@@ -64,6 +64,14 @@ class Plane:
         """r × c, of unit length."""
         normal = np.cross(self.along_row, self.along_column)
         return np.asarray(normal / np.linalg.norm(normal))
+
+    def turned_rad(self, other: Plane) -> float:
+        """How far the rows or the columns of another plane, whichever more, are turned from those of this one."""
+        apart = max(
+            float(np.linalg.norm(self.along_row - other.along_row)),
+            float(np.linalg.norm(self.along_column - other.along_column)),
+        )
+        return 2 * float(np.arcsin(min(apart / 2, 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,14 +172,11 @@ def stacked(planes: Sequence[Plane]) -> Stack:
 
 def _check_alike(planes: Sequence[Plane]) -> None:
     first = planes[0]
-    turned = max(
-        max(float(np.linalg.norm(plane.along_row - first.along_row)) for plane in planes),
-        max(float(np.linalg.norm(plane.along_column - first.along_column)) for plane in planes),
-    )
-    if turned > _SAME_DIRECTION:
+    turned_rad = max(plane.turned_rad(first) for plane in planes)
+    if turned_rad > SAME_DIRECTION_RAD:
         raise ScanError(
             "slices of one orientation",
-            f"some that are turned by {np.rad2deg(2 * np.arcsin(min(turned / 2, 1))):.1f}°",
+            f"some that are turned by {np.rad2deg(turned_rad):.1f}°",
             "give one series without localisers",
         )
     shapes = sorted({plane.shape for plane in planes})
@@ -186,7 +191,7 @@ def _check_alike(planes: Sequence[Plane]) -> None:
 
 
 def _check_apart(gaps: Float[np.ndarray, "g"]) -> None:
-    close = int((gaps < _SAME_PLACE_MM).sum())
+    close = int((gaps < SAME_PLACE_MM).sum())
     if close:
         raise ScanError(
             "every slice in a place of its own",
