@@ -76,6 +76,20 @@ def test_another_anatomy_takes_the_place_of_the_first_and_other_files_stay(tmp_p
     assert len(list(tmp_path.glob("*.ply"))) == 1
 
 
+def test_a_folder_with_other_things_is_left_alone(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(SurfaceError, match=r"one with notes\.txt"):
+        save_anatomy(sphere(), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_save_that_was_stopped_is_no_obstacle(tmp_path):
+    (tmp_path / "surface-01234567.ply").write_bytes(b"ply")
+    (tmp_path / ".hidden").write_text("")
+    save_anatomy(sphere(), tmp_path)
+    same(load_anatomy(tmp_path, passages=False).with_(regions={}), sphere())
+
+
 def test_when_the_disk_is_full_the_first_anatomy_is_still_there(tmp_path, monkeypatch):
     save_anatomy(full_anatomy(), tmp_path)
     real = Path.write_bytes

@@ -66,6 +66,7 @@ def test_demo(data: ReportData) -> None:
     assert figures["demo.seconds"].goal == 300
     assert figures["demo.region_accuracy"].value == data.networks[0].tests[-1].mean
     assert figures["demo.region_accuracy"].goal == 0.85
+    assert figures["demo.training_pictures"].value == data.networks[0].pictures
 
 
 def test_a_demo_whose_time_nobody_knows_has_none(data: ReportData) -> None:

@@ -169,7 +169,12 @@ def test_without_words_the_overview(capsys) -> None:
         (["--json"], "expected a verb"),
         (["fetch"], "naris fetch --help tells the options"),
         (["fetch", "the-moon"], "mean-nose"),
-        (["fetch", "mean-nose", "--attempts", "many"], "--attempts"),
+        (["fetch", "mean-nose", "--attempts", "many"], "expected --attempts INT, got 'many'"),
+        (["train", "a", "-o", "b", "--steps", "x"], "expected --steps INT, got 'x'"),
+        (["demo", "--budget-s", "x"], "expected --budget-s FLOAT, got 'x'"),
+        (["locate", "a.png", "-m", "b", "--probability", "x"], "expected --probability FLOAT, got 'x'"),
+        (["locate", "a.png"], "expected -m MODEL, --model MODEL (Weights made by naris train: the file, or the folder"),
+        (["train"], "drawn anew for every batch) and -o DIR, --out DIR (Folder of the training: new, or one that"),
         (["fetch", "mean-nose", "--atempts", "3"], "--atempts"),
     ],
 )

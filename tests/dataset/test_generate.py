@@ -122,15 +122,15 @@ SAMPLES_PART = ".samples.0011aabb.part.jsonl"
 def test_another_configuration_is_refused_by_name_and_nothing_is_touched(made) -> None:
     before = hashes(made)
     changes = {
-        "seed": small_simulation(seed=9),
-        "views.poses_sha256": small_simulation(23),
-        "appearance.light": replace(small_simulation(), appearance=PAPER),
-        "intrinsics.fx": replace(small_simulation(), intrinsics=Intrinsics.from_vertical_fov(40, 40, 50.0)),
-        "anatomy.digest": replace(
+        "the seed": small_simulation(seed=9),
+        "the choice of views": small_simulation(23),
+        r"the appearance \(.*light.*\)": replace(small_simulation(), appearance=PAPER),
+        r"the camera \(.*fx.*\)": replace(small_simulation(), intrinsics=Intrinsics.from_vertical_fov(40, 40, 50.0)),
+        "the anatomy": replace(
             small_simulation(), anatomy=winding_tube().with_(vertices_mm=winding_tube().vertices_mm * 1.01)
         ),
-        "depth": replace(small_simulation(), depth=False),
-        "regions.digest": replace(small_simulation(), regions=replace(SLABS, borders_mm=(-20.0, 0.0, 21.0))),
+        "whether depth is kept": replace(small_simulation(), depth=False),
+        "the region set": replace(small_simulation(), regions=replace(SLABS, borders_mm=(-20.0, 0.0, 21.0))),
     }
     for name, simulation in changes.items():
         with pytest.raises(ConfigurationChanged, match=name):

@@ -101,5 +101,9 @@ def test_labels_become_phrases(reproduce_data: ReportData) -> None:
 
 def test_the_hardest_test_is_spoken_of(reproduce_data: ReportData) -> None:
     first, second, _ = reproduce_data.networks
-    assert [test.split for test in words.main_tests(reproduce_data, first)] == ["published", "trajectory"]
+    assert [test.split for test in words.main_tests(reproduce_data, first)] == [
+        "published",
+        "trajectory",
+        "trajectory_texture",
+    ]
     assert [test.split for test in words.main_tests(reproduce_data, second)] == ["trajectory_texture"]

@@ -31,21 +31,23 @@ SCHEMA = "naris.anatomy/1"
 DESCRIPTION = "anatomy.json"
 BUILTIN = "builtin"
 SLABS = "slabs"
+_SURFACE = "surface-"
 
 
 def save_anatomy(anatomy: Anatomy, folder: Path | str) -> None:
-    """Writes an anatomy to a folder, made if need be; an anatomy that is there is replaced, other files stay.
+    """Writes an anatomy to a folder, made if need be; an anatomy that is there is replaced.
 
     Raises:
-        SurfaceError: if the path is a file.
+        SurfaceError: if the path is a file, or a folder with other things and no anatomy; nothing is touched.
         DiskFull: if there is no room; an anatomy that was there is still there.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise SurfaceError(f"a folder to save to at {folder}", "a file", "give another path")
+    _check_own(folder)
     content = ply_bytes(anatomy)
     digest = hashlib.sha256(content).hexdigest()
-    surface = folder / f"surface-{digest[:8]}.ply"
+    surface = folder / f"{_SURFACE}{digest[:8]}.ply"
     previous = _surface_of(folder)
     write_bytes(surface, content)
     write_json(folder / DESCRIPTION, _describe(anatomy, surface.name, digest))
@@ -187,6 +189,19 @@ def _read_description(folder: Path) -> dict[str, Any]:
         got = repr(value.get("schema")) if isinstance(value, dict) else "none"
         raise SurfaceError(f"the schema {SCHEMA} in {path}", got, "use the version of naris that wrote it")
     return value
+
+
+def _check_own(folder: Path) -> None:
+    """See that the folder is nobody else's: hidden files, and what a save that was stopped left, do not count."""
+    if not folder.is_dir() or (folder / DESCRIPTION).is_file():
+        return
+    others = sorted(p.name for p in folder.iterdir() if not p.name.startswith(".") and not p.match(_SURFACE + "*.ply"))
+    if others:
+        raise SurfaceError(
+            f"a new or empty folder, or one with an {DESCRIPTION}, at {folder}",
+            f"one with {others[0]}" + (f" and {len(others) - 1} more" if others[1:] else ""),
+            "give another folder",
+        )
 
 
 def _surface_of(folder: Path) -> Path | None:

@@ -52,6 +52,9 @@ def demo_figures(data: ReportData, wall_s: float | None) -> tuple[Figure, ...]:
     name = "demo.region_accuracy"
     accuracy = Figure(name, test.mean, "1", _count(test), "higher", GOALS[name], test.interval)
     figures = [accuracy]
+    pictures = data.networks[0].pictures
+    if pictures is not None:  # how much it could learn in its time: without it two runs cannot be compared
+        figures.append(Figure("demo.training_pictures", float(pictures), "1", 1, "higher"))
     if wall_s is not None:
         figures.append(Figure("demo.seconds", wall_s, "s", 1, "lower", DEMO_GOAL_S))
     if test.pose is not None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TextIO
@@ -14,6 +15,7 @@ from naris.core.atomic import to_json
 from naris.core.progress import SILENT, Advance, Progress
 
 LOG = logging.getLogger("naris")
+_LINE_EVERY_S = 15.0
 
 
 @dataclass
@@ -22,7 +24,7 @@ class Console:
 
     Attributes:
         json: the answer is one JSON object.
-        progress: where long work reports to: bars on a terminal, else nowhere.
+        progress: where long work reports to: bars on a terminal, else a line now and then.
         log: notices and warnings, on stderr.
         out: where the answer goes.
     """
@@ -91,14 +93,44 @@ class Bars:
                         self._display.remove_task(done)
 
 
+class Lines:
+    """Progress as lines in a log, where no terminal can show bars: for each long task one every quarter of a minute."""
+
+    def __init__(self, log: logging.Logger = LOG, clock: Callable[[], float] = time.monotonic) -> None:
+        self._log, self._clock = log, clock
+
+    @contextmanager
+    def task(self, name: str, total: int) -> Iterator[Advance]:
+        """Says nothing about a task that is over before the first line is due."""
+        began_s = told_s = self._clock()
+        done = 0
+        lock = threading.Lock()
+
+        def advance(steps: int) -> None:
+            nonlocal done, told_s
+            with lock:
+                done += steps
+                now_s = self._clock()
+                if now_s - told_s >= _LINE_EVERY_S:
+                    told_s = now_s
+                    share = f"{100 * done // total} %, " if total else ""
+                    self._log.info("%s: %s%.0f s", name, share, now_s - began_s)
+
+        yield advance
+        if told_s > began_s:
+            self._log.info("%s: done in %.0f s", name, self._clock() - began_s)
+
+
 def console_for(flags: set[str]) -> Console:
     """The console that the options of every verb ask for, with logging set up on stderr."""
     quiet = "--quiet" in flags
     LOG.setLevel(logging.WARNING if quiet else logging.DEBUG if "--verbose" in flags else logging.INFO)
     LOG.propagate = False
     LOG.handlers = [_StderrLog()]
-    bars = not quiet and sys.stderr is not None and sys.stderr.isatty()
-    return Console(json="--json" in flags, progress=Bars() if bars else SILENT)
+    progress: Progress = SILENT
+    if not quiet and sys.stderr is not None:
+        progress = Bars() if sys.stderr.isatty() else Lines()
+    return Console(json="--json" in flags, progress=progress)
 
 
 class _StderrLog(logging.Handler):

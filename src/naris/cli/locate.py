@@ -124,5 +124,5 @@ def _line(told: dict[str, Any]) -> str:
         return f"{told['picture']}: {guess}{judged}"
     best = told["hypotheses"][0]
     x, y, z = (row[3] for row in best["anatomy_T_camera"][:3])
-    spread = f" ± {best['sd_mm']:.1f} mm" if "sd_mm" in best else " mm"
+    spread = f" ± {best['sd_mm']:.1f} mm (SD)" if "sd_mm" in best else " mm"
     return f"{told['picture']}: {guess}; camera near ({x:.1f}, {y:.1f}, {z:.1f}){spread} in {best['frame']}"

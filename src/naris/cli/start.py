@@ -26,6 +26,13 @@ if TYPE_CHECKING:
 
 BAD_INPUT, BUG, INTERRUPTED, BROKEN_PIPE = 2, 70, 130, 141
 _FRAME = re.compile(r"^[│╭╰─╮╯|\s]+|[│╭╰─╮╯|\s]+$")
+_NAME_INDENT = "│     "
+_UNFIT = re.compile(
+    r"Error parsing (?P<option>\S+): (?:no type matching (?:{None}\|)?|invalid literal for |could not "
+    r"convert string to )"
+    r"(?P<kind>\S+?)(?: could be instantiated from|\(\) with base 10:|:) \[?(?P<given>'.*?')\]?\.?$"
+)
+_KINDS = {"int": "INT", "float": "FLOAT"}
 
 
 def start(words: Sequence[str], flags: set[str], verbs: Mapping[str, Verb]) -> int:
@@ -120,10 +127,32 @@ def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:
 
 
 def _one_line(box: str) -> str:
-    """The first paragraph of tyro's framed message, without its title."""
-    rows = [_FRAME.sub("", row) for row in box.splitlines()[1:]]
+    """The first paragraph of tyro's framed message, without its title; what is missing as a list."""
+    framed = box.splitlines()[1:]
+    rows = [_FRAME.sub("", row) for row in framed]
     end = rows.index("") if "" in rows else len(rows)
-    return " ".join(rows[:end]).replace(" (required)", "")
+    if rows and rows[0].startswith("Missing from"):
+        return f"expected {_missing(framed[1:end])}, got none"
+    said = " ".join(rows[:end])
+    if unfit := _UNFIT.match(said):
+        return f"expected {unfit['option']} {_KINDS.get(unfit['kind'], unfit['kind'])}, got {unfit['given']}"
+    return said
+
+
+def _missing(framed: Sequence[str]) -> str:
+    """`-m MODEL, --model MODEL (Weights made by naris train)`: names stand four columns in, what they mean eight."""
+    told: list[tuple[str, list[str]]] = []
+    for row in framed:
+        text = _FRAME.sub("", row)
+        if row.startswith(_NAME_INDENT) and not row.startswith(_NAME_INDENT + " "):
+            told.append((text, []))
+        elif told:
+            told[-1][1].append(text)
+    return " and ".join(f"{name} ({_first_sentence(' '.join(meaning))})" for name, meaning in told)
+
+
+def _first_sentence(text: str) -> str:
+    return text.replace(" (required)", "").partition(". ")[0].removesuffix(".")
 
 
 def _unknown(words: Sequence[str], verbs: Mapping[str, Verb]) -> str:

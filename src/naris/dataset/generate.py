@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
@@ -43,6 +44,7 @@ from naris.render.appearance import Appearance, AppearanceDistribution
 from naris.render.scene import Channel, Scene, render
 from naris.render.viewpoints import Viewpoints
 
+_log = logging.getLogger(__name__)
 _CHUNK = 8
 
 
@@ -122,6 +124,9 @@ def simulate(
     about = simulation.about(scene.engine)
     _claim(out, about)
     missing = [i for i in range(len(simulation.views)) if not _is_done(out, i, simulation.depth)]
+    if len(missing) < len(simulation.views):
+        there = len(simulation.views) - len(missing)
+        _log.info("%d of %d pictures are in %s already", there, len(simulation.views), out)
     chunks = [missing[i : i + _CHUNK] for i in range(0, len(missing), _CHUNK)]
     with progress.task("images", len(simulation.views)) as advance:
         advance(len(simulation.views) - len(missing))
@@ -161,15 +166,34 @@ def _claim(out: Path, about: dict[str, Any]) -> None:
             leftover.unlink(missing_ok=True)
 
 
+_CALLED = {
+    "anatomy": "the anatomy",
+    "appearance": "the appearance",
+    "count": "the number of pictures",
+    "depth": "whether depth is kept",
+    "engine": "the renderer",
+    "intrinsics": "the camera",
+    "naris": "the version of naris",
+    "regions": "the region set",
+    "schema": "the format",
+    "seed": "the seed",
+    "views": "the choice of views",
+}
+_UNTOLD = ("digest", "kind", "poses_sha256", "source")
+
+
 def _differences(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """The settings that differ, `seed` or `appearance.light`, two levels deep."""
+    """The settings that differ, as people call them, with what differs inside them where that says more."""
     names = []
     for key in sorted({*old, *new}):
         a, b = old.get(key), new.get(key)
         if isinstance(a, dict) and isinstance(b, dict):
-            names += [f"{key}.{name}" for name in sorted({*a, *b}) if digest(a.get(name)) != digest(b.get(name))]
+            inner = [name for name in sorted({*a, *b}) if digest(a.get(name)) != digest(b.get(name))]
+            told = [name.replace("_", " ") for name in inner if name not in _UNTOLD]
+            if inner:
+                names.append(_CALLED.get(key, key) + (f" ({', '.join(told)})" if told else ""))
         elif digest(a) != digest(b):
-            names.append(key)
+            names.append(_CALLED.get(key, key))
     return names
 
 

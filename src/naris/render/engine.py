@@ -52,7 +52,7 @@ def why_not_fast() -> str | None:
 
     The first test of an installation compiles the kernel, which is kept on disk.
     """
-    note = threading.Timer(_PATIENCE_S, _log.warning, [_NOTE])
+    note = threading.Timer(_PATIENCE_S, _log.info, [_NOTE])
     note.daemon = True
     note.start()
     try:

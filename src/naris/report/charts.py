@@ -191,7 +191,7 @@ def neighbour_chart(data: ReportData, splits: Sequence[Split]) -> Markup:
     words = []
     for i, (split, across, turn) in enumerate(zip(splits, mm, deg, strict=True)):
         # Splits may share their poses: later dots are smaller, so that earlier ones show around them.
-        marks.append(axes.dots(across, turn, f"{series(data, split.key)} faint", radius=3.8 - 0.9 * min(i, 2)))
+        marks.append(axes.dots(across, turn, f"{series(data, split.key)} faint", radius=4.6 - 1.4 * min(i, 2)))
         words.append(f"{split.label}, median {np.median(across):.2g} mm and {np.median(turn):.2g} degrees")
     alt = "Distance of test views to their nearest training view: " + "; ".join(words)
     entries = [(series(data, split.key), split.label) for split in splits]

@@ -34,8 +34,8 @@ def anatomy(data: ReportData) -> Markup:
         f"{view.anatomy.frame}, SHA-256 {view.anatomy.digest[:12]}…. Source: {view.anatomy.source}."
     )
     caption = (
-        f"The walls of the hollow in the colours of the region set “{view.region_set}”. In mm; "
-        f"{_axes(view.anatomy.frame)}."
+        f"The walls of the hollow in the colours of the region set “{view.region_set}”. The lines are where cameras "
+        f"went or passages run, as the legend says; the ticks along the edges are mm, {_axes(view.anatomy.frame)}."
     )
     return join(figure(anatomy_figure(view), caption, "wide"), element("p", facts, class_="small"))
 
@@ -81,8 +81,9 @@ def splits(data: ReportData) -> Markup:
     known = [split for split in data.splits if split.nearest_mm is not None and split.nearest_deg is not None]
     if known:
         caption = (
-            "Every dot is a test view. Inside the shaded corner it has a training view within 2 mm and 15°: a network "
-            "that only remembers can answer there."
+            "Every dot is a test view; splits with the same poses have their dots on each other, the later smaller "
+            "and the earlier ones as rings around them. Inside the shaded corner it has a training view within 2 mm "
+            "and 15°: a network that only remembers can answer there."
         )
         parts.append(figure(charts.neighbour_chart(data, known), caption))
     pairs = [_pair(split) for split in data.splits if split.pair]
@@ -307,6 +308,7 @@ def making(data: ReportData) -> Markup:
         columns = [s.wall_s for s in data.stages], [s.cpu_s for s in data.stages]
         rows.append(["in all", "", *map(_spent, columns)])
         parts.append(table(["Stage", "Made", "Wall", "CPU, all threads"], rows, "prose"))
+        parts.append(element("p", "Drawing this page comes after that, and is not counted.", class_="small"))
     facts: dict[str, Any] = {"seed": data.seed, "made": data.made, "commit": data.commit or "not known"}
     parts.append(_mapping("Run", facts | {key.replace("_", " "): value for key, value in data.machine.items()}))
     if data.versions:
@@ -337,7 +339,7 @@ def _mapping(title: str, values: Mapping[str, Any]) -> Markup:
 
 
 def headline(data: ReportData) -> Markup:
-    """The main figures as tiles: published; leaky and clean of the first network; the hardest of every other."""
+    """The main figures as tiles: published; leaky, clean and hardest of the first network; the hardest of others."""
     tiles = []
     if data.published:
         figure_ = words.spread(data.published.accuracy, data.published.std)

@@ -22,6 +22,10 @@ def share(value: float) -> str:
     return f"{100 * value:.1f}\u00a0%"
 
 
+def _printed(value: float) -> float:
+    return round(100 * value, 1)
+
+
 def spread(mean: float, std: float | None) -> str:
     """Mean and standard deviation in per cent."""
     return share(mean) if std is None else f"{100 * mean:.1f}\u00a0±\u00a0{100 * std:.1f}\u00a0%"
@@ -191,7 +195,8 @@ def leak(data: ReportData) -> list[str]:
                 f"{capital(network.called)} has {had} and {left}: the clean test is the easier one, which is odd.{near}"
             )
         else:
-            points = f"{100 * abs(drop):.1f} points apart"
+            # Of the figures as they stand there, so that the reader's subtraction agrees.
+            points = f"{abs(_printed(leaky[0].mean) - _printed(own.mean)):.1f} points apart"
             meaning = f"{points}, so its figure does not rest on near-duplicate views."
             said.append(f"{capital(network.called)} has {had} and {left}, {meaning}{near}")
     return said
@@ -210,7 +215,7 @@ def calibration(data: ReportData) -> list[str]:
             continue
         test, worst = max(judged, key=lambda pair: pair[1].ece)
         if worst.ece <= UNCALIBRATED:
-            honest.append(f"{network.called} (expected calibration error at most {worst.ece:.2f})")
+            honest.append(f"{network.called} (expected calibration error at most {worst.ece:.3f})")
         else:
             where = data.split(test.split).called
             told = f"{network.called} ({share(worst.mean_confidence)} sure, right in {share(test.mean)}, {where})"
@@ -246,10 +251,12 @@ def hardest_test(data: ReportData, network: NetworkResult) -> TestResult | None:
 
 
 def main_tests(data: ReportData, network: NetworkResult) -> list[TestResult]:
-    """What to speak of first: a leaky and a clean test of the first network that has both; else the hardest."""
+    """What to speak of first: the hardest clean test, before it a leaky and a clean one of the first that has both."""
     leaky, clean = _by_kind(data, network)
     first = next((n for n in data.networks if all(_by_kind(data, n))), None)
-    return [leaky[0], clean[0]] if network is first else clean[-1:] or leaky[:1]
+    if network is not first:
+        return clean[-1:] or leaky[:1]
+    return [leaky[0], clean[0], *(clean[-1:] if len(clean) > 1 else [])]
 
 
 def _by_kind(data: ReportData, network: NetworkResult) -> tuple[list[TestResult], list[TestResult]]:

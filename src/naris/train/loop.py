@@ -127,7 +127,9 @@ def train(
     lessons = lessons_of(data, config)
     identity = digest([config.made_of, lessons.identity])
     if (out / RUN).is_file():
-        return _same(read_run(out), out, identity)
+        run = _same(read_run(out), out, identity)
+        _log.info("the training in %s was finished before: nothing to do", out)
+        return run
     _check_free(out)
     with limited(config.torch_threads):
         learner, journal = _begin(lessons, config, out, identity)
