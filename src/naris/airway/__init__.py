@@ -1,0 +1,1 @@
+"""The nasal airway in a CT: found, cut from what it is open to, and divided."""

@@ -1,0 +1,178 @@
+"""The nasal airway of a CT, by classical means: air, cut from the room, from the mouth and from the sinuses.
+
+Air is what is darker than half-way to tissue. A ball that comes from the front tells the room from the nostrils; the
+ways with most room from either nostril to the pharynx run through the two sides of the nose; the air is divided at its
+narrow places, and the parts along the ways and the slits that open into them are the nasal cavity. What else is
+connected, and not to the room, is a sinus or the mouth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+from scipy.ndimage import binary_dilation, label
+
+from naris.airway.basins import Basins, basins_of, nasal_parts, wall_mm
+from naris.airway.block import Block, block_of
+from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostrils, room_air
+from naris.airway.ways import choana_row, pharynx_nodes, sides, ways_in
+from naris.core.volume import LPS, Volume
+from naris.ct.scan import Finding
+from naris.errors import ScanError
+
+STEP_MM = 0.5
+SEGMENTS = ("right nasal cavity", "left nasal cavity", "nasopharynx", "attached cavities")
+"""The names of labels 1, 2, 3, 4."""
+RIGHT, LEFT, NASOPHARYNX, ATTACHED = 1, 2, 3, 4
+
+_BESIDE_MM, _BEHIND_MM, _ABOVE_MM, _BELOW_MM = 55.0, 125.0, 75.0, 45.0  # of the tip of the nose, the block reaches
+_FLOOR_MM = 25.0  # below the nasal floor the pharynx is cut
+_CLIPPED_MM = 1.0
+_EVERYWHERE = np.ones((3, 3, 3), dtype=bool)
+
+
+@dataclass(frozen=True, eq=False)
+class Airway:
+    """A segmented nose.
+
+    Attributes:
+        labels: (nx, ny, nz) 0 outside, else 1 + the index in `SEGMENTS`.
+        block: the lattice and the values that they were found in.
+        landmarks_mm: (3,) in LPS by name: `left.nostril`, `left.choana`, `left.nasal floor` and those of the right,
+            `anterior tip`, `posterior wall`.
+        findings: what a user should know.
+    """
+
+    labels: UInt8[np.ndarray, "nx ny nz"]
+    block: Block
+    landmarks_mm: dict[str, Float[np.ndarray, "3"]]
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def frame_T_index(self) -> Float[np.ndarray, "4 4"]:
+        return self.block.frame_T_index
+
+    def volume_ml(self, segment: int) -> float:
+        """Of one label."""
+        return float((self.labels == segment).sum()) * self.block.step_mm**3 / 1000
+
+
+def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
+    """Find the nasal airway.
+
+    Args:
+        volume: a CT of a head in LPS.
+        step_mm: of the lattice to work on.
+
+    Raises:
+        ScanError: if the volume is not in LPS, shows no nose, or no air leads from the nostrils to the pharynx.
+    """
+    if volume.frame != LPS:
+        raise ScanError("a scan in LPS", f"one in {volume.frame}", "turn it into LPS first")
+    tip_mm = nose_tip_mm(volume)
+    before, behind = np.array([_BESIDE_MM, 15.0, _BELOW_MM]), np.array([_BESIDE_MM, _BEHIND_MM, _ABOVE_MM])
+    block = block_of(volume, step_mm, tip_mm - before, tip_mm + behind)
+    room = room_air(block)
+    airway = _largest((block.hu < AIR_HU) & ~room)
+    wall = wall_mm(airway, step_mm)
+    openings, right, left = _two_ways(block, airway, room, wall, tip_mm)
+    basins = basins_of(airway, wall)
+    labels = _labels(basins, airway, wall, right, left, block)
+    at_face = np.unique(basins.part[airway & binary_dilation(room, _EVERYWHERE)])
+    labels[np.isin(basins.part, at_face) & (labels == ATTACHED)] = 0  # what lies along the skin is the room
+    findings = []
+    if tip_mm[1] - volume.bounds_mm[0, 1] < _CLIPPED_MM:
+        findings.append(Finding("clipped nose", "the scan begins at the tip of the nose, which may be cut", "warning"))
+    landmarks = _landmarks(block, labels, openings, tip_mm, choana_row(labels > 0, right, left))
+    return Airway(labels, block, landmarks, tuple(findings))
+
+
+def _largest(mask: Bool[np.ndarray, "nx ny nz"]) -> Bool[np.ndarray, "nx ny nz"]:
+    parts, count = label(mask, _EVERYWHERE)
+    if not count:
+        raise ScanError("air inside the head", "none", "give a CT of an open nose")
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    return np.asarray(parts == sizes.argmax())
+
+
+def _two_ways(
+    block: Block,
+    airway: Bool[np.ndarray, "nx ny nz"],
+    room: Bool[np.ndarray, "nx ny nz"],
+    wall: Float[np.ndarray, "nx ny nz"],
+    tip_mm: Float[np.ndarray, "3"],
+) -> tuple[dict[str, Opening], Int[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+    """The openings of both nostrils and the ways from them, right and left."""
+    openings = nostrils(block, airway, room, tip_mm)
+    goals = pharynx_nodes(block, airway, tip_mm)
+    if len(openings) < 2 or not len(goals):
+        missing = "no air of the pharynx" if not len(goals) else f"{len(openings)} open nostrils"
+        raise ScanError(
+            "two open nostrils and the pharynx behind them",
+            missing,
+            "give a CT that holds the nose from the nostrils to the pharynx, or segment it by hand",
+        )
+    pair = sorted(openings[:2], key=lambda one: float(one.middle[0]))  # x grows to the left
+    ways = ways_in(wall, pair, goals)
+    if len(ways) < 2:
+        raise ScanError(
+            "air from both nostrils to the pharynx",
+            f"a way from {len(ways)} of them",
+            "the other side may be packed or blocked: segment it by hand",
+        )
+    return {"right": pair[0], "left": pair[1]}, ways[0], ways[1]
+
+
+def _labels(
+    basins: Basins,
+    airway: Bool[np.ndarray, "nx ny nz"],
+    wall: Float[np.ndarray, "nx ny nz"],
+    right: Int[np.ndarray, "n 3"],
+    left: Int[np.ndarray, "m 3"],
+    block: Block,
+) -> UInt8[np.ndarray, "nx ny nz"]:
+    through = np.unique(basins.part[tuple(np.concatenate([right, left]).T)])
+    nasal = nasal_parts(basins, through)[basins.part]
+    row = choana_row(nasal, right, left)
+    front = nasal.copy()
+    front[:, row:] = False
+    labels = sides(front, wall, right, left).astype(np.uint8)
+    floor = int(np.concatenate([right[right[:, 1] < row], left[left[:, 1] < row]])[:, 2].min())
+    low = max(floor - round(_FLOOR_MM / block.step_mm), 0)
+    labels[:, row:, low:][nasal[:, row:, low:]] = NASOPHARYNX
+    labels[airway & ~nasal] = ATTACHED
+    return labels
+
+
+def _landmarks(
+    block: Block,
+    labels: UInt8[np.ndarray, "nx ny nz"],
+    openings: dict[str, Opening],
+    tip_mm: Float[np.ndarray, "3"],
+    row: int,
+) -> dict[str, Float[np.ndarray, "3"]]:
+    found = {"anterior tip": tip_mm}
+    for side, number in (("right", RIGHT), ("left", LEFT)):
+        of_side = labels == number
+        found[f"{side}.nostril"] = block.points_mm(openings[side].middle)
+        at = np.argwhere(of_side[:, row - 1, :])
+        found[f"{side}.choana"] = block.points_mm(_middle(np.insert(at, 1, row - 1, axis=1)))
+        first = int(np.flatnonzero(of_side.any(axis=(0, 2)))[0])
+        third = (row - first) // 3
+        nodes = np.argwhere(of_side[:, first + third : row - third])
+        lowest = nodes[nodes[:, 2].argmin()] + [0, first + third, 0]
+        found[f"{side}.nasal floor"] = block.points_mm(lowest)
+    behind = np.argwhere(labels == NASOPHARYNX)
+    level = block.index((found["left.choana"] + found["right.choana"]) / 2)[2]
+    near = behind[np.abs(behind[:, 2] - level) * block.step_mm < 5]
+    if len(near):
+        found["posterior wall"] = block.points_mm(near[near[:, 1].argmax()])
+    return found
+
+
+def _middle(nodes: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, "3"]:
+    """The node nearest to the mean of all."""
+    return np.asarray(nodes[np.linalg.norm(nodes - nodes.mean(axis=0), axis=1).argmin()])

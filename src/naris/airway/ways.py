@@ -1,0 +1,84 @@
+"""The ways in: from each nostril through the nose to the pharynx, and where the two meet behind the septum."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+from scipy.ndimage import label
+from skimage.graph import MCP_Geometric
+from skimage.segmentation import watershed
+
+from naris.airway.block import Block
+from naris.airway.face import Opening
+
+_PHARYNX_BEHIND_MM, _PHARYNX_BESIDE_MM = 45.0, 25.0  # of the tip of the nose
+_NARROW_MM = 0.25
+
+
+def pharynx_nodes(
+    block: Block, airway: Bool[np.ndarray, "nx ny nz"], tip_mm: Float[np.ndarray, "3"]
+) -> Int[np.ndarray, "n 3"]:
+    """The lowest nodes of the airway behind the nose and near the middle."""
+    x, y = block.axis_mm(0) - tip_mm[0], block.axis_mm(1) - tip_mm[1]
+    there = airway & (np.abs(x) < _PHARYNX_BESIDE_MM) & (y > _PHARYNX_BEHIND_MM)
+    rows = np.flatnonzero(there.any(axis=(0, 1)))
+    if not len(rows):
+        return np.zeros((0, 3), dtype=np.int64)
+    at = np.argwhere(there[:, :, rows[0]])
+    return np.insert(at, 2, rows[0], axis=1)
+
+
+def ways_in(
+    room_mm: Float32[np.ndarray, "nx ny nz"], openings: list[Opening], goals: Int[np.ndarray, "n 3"]
+) -> list[Int[np.ndarray, "_ 3"]]:
+    """From each opening the way to the pharynx with the most room; openings without a way are left out.
+
+    A step costs its length over the square of the distance to the wall, so that a long wide way beats a short narrow
+    one (as the passages of `naris.anatomy.passages`).
+    """
+    cost = np.where(room_mm > 0, 1 / np.maximum(room_mm, _NARROW_MM) ** 2, np.inf)
+    search = MCP_Geometric(cost)
+    reached, _ = search.find_costs(goals.tolist())
+    ways = []
+    for opening in openings:
+        spent = reached[tuple(opening.nodes.T)]
+        if np.isfinite(spent.min()):
+            ways.append(np.array(search.traceback(tuple(opening.nodes[int(spent.argmin())].tolist()))))
+    return ways
+
+
+def choana_row(nasal: Bool[np.ndarray, "nx ny nz"], right: Int[np.ndarray, "n 3"], left: Int[np.ndarray, "m 3"]) -> int:
+    """The first coronal row (index along y) behind the septum: from there on the ways share one cross-section."""
+    meet = _meeting(right, left)
+    start = max(int(right[:, 1].min()), int(left[:, 1].min()))
+    row = meet
+    while row > start:
+        ours, theirs = (way[way[:, 1] == row - 1] for way in (right, left))
+        parts, _ = label(nasal[:, row - 1, :])
+        sections = [set(parts[one[:, 0], one[:, 2]].tolist()) - {0} for one in (ours, theirs)]
+        if not all(sections) or sections[0].isdisjoint(sections[1]):
+            break
+        row -= 1
+    return row
+
+
+def _meeting(one: Int[np.ndarray, "n 3"], other: Int[np.ndarray, "m 3"]) -> int:
+    """The row in which the second way runs into the first."""
+    taken = {tuple(node) for node in one.tolist()}
+    for node in other.tolist():
+        if tuple(node) in taken:
+            return int(node[1])
+    return int(other[-1, 1])
+
+
+def sides(
+    cavity: Bool[np.ndarray, "nx ny nz"],
+    room_mm: Float32[np.ndarray, "nx ny nz"],
+    right: Int[np.ndarray, "n 3"],
+    left: Int[np.ndarray, "m 3"],
+) -> Int[np.ndarray, "nx ny nz"]:
+    """1 right of the septum, 2 left of it, 0 elsewhere: flooded from the ways, narrow places last."""
+    seeds = np.zeros(cavity.shape, dtype=np.int32)
+    for number, way in ((1, right), (2, left)):
+        seeds[tuple(way.T)] = number
+    return np.asarray(watershed(-room_mm, np.where(cavity, seeds, 0), mask=cavity), dtype=np.int32)
