@@ -21,11 +21,14 @@ from naris.render.viewpoints import (
     ANYWHERE,
     FREE,
     INSPECTION,
+    TRAVEL,
     ViewDistribution,
+    _even_chances,
+    aims,
+    along_passages,
     check_in_lumen,
     draw_views,
     joined,
-    passage_directions,
     passages_of,
     sees_ahead,
     tangents,
@@ -76,7 +79,7 @@ def test_inspection_looks_along_the_passage(scene, distance) -> None:
     bank = bank_of(distance, replace(INSPECTION, median_depth_mm=0.0))
     poses = draw_views(scene, bank, 4000, np.random.default_rng(0)).anatomy_T_camera
     passage = winding_tube().passages
-    tilt = angles_deg(poses.forward, passage_directions(poses.position_mm, distance, passage))
+    tilt = angles_deg(poses.forward, along_passages(poses.position_mm, distance, passage)[0])
     assert 0.62 < (tilt < 15).mean() < 0.72
     assert tilt.max() < INSPECTION.tilt_max_deg + 3  # the direction is that of the nearest node
     level = Pose.look(poses.position_mm, poses.forward, upright(poses.forward), "LPS")
@@ -87,7 +90,7 @@ def test_inspection_looks_along_the_passage(scene, distance) -> None:
 def test_anywhere_is_uniform_in_its_cone(scene, distance) -> None:
     """In a cone of solid angle the share within half the angle is (1 − cos(θ/2)) / (1 − cos θ)."""
     poses = draw_views(scene, bank_of(distance, ANYWHERE), 4000, np.random.default_rng(0)).anatomy_T_camera
-    tilt = angles_deg(poses.forward, passage_directions(poses.position_mm, distance, winding_tube().passages))
+    tilt = angles_deg(poses.forward, along_passages(poses.position_mm, distance, winding_tube().passages)[0])
     expected = (1 - np.cos(np.deg2rad(12.5))) / (1 - np.cos(np.deg2rad(25)))
     assert abs((tilt < 12.5).mean() - expected) < 0.03
 
@@ -208,6 +211,36 @@ def test_tangents_are_those_of_the_curve() -> None:
     assert angles_deg(found, exact)[20:-20].max() < 3
 
 
+def test_travelling_takes_every_stretch_of_the_way_equally_often(scene, distance) -> None:
+    """In a tube with a wide end the even distribution does not crowd into it."""
+    one = SlabRegions("one", ("all",), "LPS", 1, ())
+    views = draw_views(scene, bank_of(distance, TRAVEL, one), 3000, np.random.default_rng(2))
+    line = winding_tube().passages[0].points_mm
+    way_mm = 0.5 * np.argmin(np.linalg.norm(views.anatomy_T_camera.position_mm[:, None] - line, axis=2), axis=1)
+    middle = way_mm[(way_mm > 15) & (way_mm < 66)]
+    counts = np.histogram(middle, bins=17, range=(15, 66))[0]
+    assert counts.min() > 0.6 * counts.mean()
+    assert counts.max() < 1.5 * counts.mean()
+
+
+def test_places_of_one_stretch_share_its_chance() -> None:
+    region = np.array([0, 0, 0, 0, 1, 1, 1])
+    way_mm = np.array([0.1, 0.2, 0.3, 5.0, 5.5, 7.0, 11.0])
+    chance = np.diff(_even_chances(region, way_mm))
+    np.testing.assert_allclose(chance, [2 / 9, 2 / 9, 2 / 9, 1 / 3, 1 / 5, 2 / 5, 2 / 5])
+
+
+def test_a_camera_beside_the_passage_is_aimed_back_to_it(distance) -> None:
+    way = np.array([[0.0, 1.0, 0.0]])
+    np.testing.assert_allclose(aims(way, np.array([[0.0, 0.0, -4.0]]), 10.0)[0, 2], -2 / np.sqrt(104))
+    bank = bank_of(distance, replace(TRAVEL, tilt_sd_deg=0.0))
+    ways, goals, _ = along_passages(bank.places_mm, distance, winding_tube().passages)
+    back = goals - bank.places_mm
+    beside = np.linalg.norm(back, axis=1) > 2
+    turned = ((bank.tangents - ways) * back).sum(axis=1)[beside]
+    assert (turned > 0).all()
+
+
 def test_a_place_takes_the_passage_that_it_sees(distance) -> None:
     """A passage behind the wall is nearer but out of sight."""
     from naris.core.anatomy import Passage
@@ -216,9 +249,12 @@ def test_a_place_takes_the_passage_that_it_sees(distance) -> None:
     near_wall = main.points_mm + [0, 0, RADIUS_MM - 0.7]
     behind = Passage("behind", (near_wall + [0, 0, 1.2])[::-1], np.zeros(len(near_wall)))
     some = near_wall[20:120]
-    found = passage_directions(some, distance, (behind, main))
+    found, goals, way_mm = along_passages(some, distance, (behind, main))
     assert (found[:, 1] > 0).all()
-    assert (passage_directions(some, distance, (behind,))[:, 1] < 0).all()
+    index = np.argmin(np.linalg.norm(some[:, None] - main.points_mm, axis=2), axis=1)
+    np.testing.assert_allclose(goals, main.points_mm[index])
+    np.testing.assert_allclose(way_mm, 0.5 * index, rtol=0.01)  # the points of the passage are 0.5 mm apart
+    assert (along_passages(some, distance, (behind,))[0][:, 1] < 0).all()
 
 
 def test_an_anatomy_without_passages_gets_some(distance) -> None:

@@ -25,9 +25,10 @@ class Options:
     """Folder of the data set: new, or one that this very command began."""
     count: int = 1000
     """How many pictures (not with --keyframes, which tell themselves)."""
-    views: Literal["inspection", "anywhere", "trajectories"] = "inspection"
-    """inspection: along the passages, some depth ahead, each region equally often; anywhere: any place with room;
-    trajectories: steered along the passages, 10 views at each position."""
+    views: Literal["inspection", "travel", "anywhere", "trajectories"] = "inspection"
+    """inspection: along the passages, some depth ahead, each region equally often; travel: the same, and each
+    stretch of the way equally often; anywhere: any place with room; trajectories: steered along the passages, 10 views
+    at each position."""
     keyframes: Annotated[Path | None, tyro.conf.arg(metavar="FILE|DIR")] = None
     """Go from keyframe to keyframe instead: a JSON file (docs/keyframes.md) or the original's folder of text files."""
     step_mm: float = 1.0

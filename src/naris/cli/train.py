@@ -40,9 +40,10 @@ class Options:
     regions: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
     """Region set of an anatomy to tell apart: one of its own, a JSON file, or four even slabs; by default its first.
     A data set has its own."""
-    views: Literal["inspection", "anywhere"] | None = None
-    """Which views of an anatomy: along the passages with some depth ahead (inspection, when not given), or from any
-    place with room. Not for a data set."""
+    views: Literal["inspection", "travel", "anywhere"] | None = None
+    """Which views of an anatomy: along the passages with some depth ahead (inspection, when not given), the
+    same with each stretch of the way equally often (travel), or from any place with room (anywhere). Not for a data
+    set."""
     appearance: Literal["training", "unseen", "endoscope", "paper"] | None = None
     """Look of the views of an anatomy; training, when not given: drawn for each, with texture, light, gain and noise at
     random. Not for a data set."""

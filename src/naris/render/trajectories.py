@@ -17,7 +17,7 @@ from naris.core.anatomy import Passage, RegionSet
 from naris.core.pose import Pose
 from naris.errors import InputError, RegionError
 from naris.render.keyframes import UP, Keyframes, Trajectory
-from naris.render.viewpoints import Viewpoints, tangents, upright
+from naris.render.viewpoints import Viewpoints, aims, tangents, upright
 
 VIEWS_PER_POSITION = 10
 
@@ -25,7 +25,6 @@ _TRIES = 40
 _MARCH_MM = 0.25
 _SIDE_TURN_SD_RAD = 0.7
 _AIM_MEMORY = 0.6
-_PULL = 0.5
 _LAST_MM = 0.5
 _GRAZE_MM = 0.1
 _RIDGE_MM = 0.3
@@ -251,8 +250,7 @@ def _aims(
     """Viewing directions: along the passage and somewhat back to its middle, and a wander that goes on for a while."""
     index = np.minimum(np.searchsorted(course.reach_mm, stations), len(course.ways) - 1)
     back = course.points_mm[index] - positions
-    aim = course.steering.ahead_mm * course.ways[index] + _PULL * back
-    aim /= np.linalg.norm(aim, axis=1, keepdims=True)
+    aim = aims(course.ways[index], back, course.steering.ahead_mm)
     wander, wanders = rng.standard_normal(2), []
     for _ in positions:
         wanders.append(wander)

@@ -2,7 +2,8 @@
 
 What the camera looks at matters more to a localizer than its network, so a view distribution is a named set of numbers
 that every data set, checkpoint and report repeats. `INSPECTION` is an endoscopist's view: along the passage, with some
-depth ahead. `ANYWHERE` is the hardest: any place with room, many views of a bare wall.
+depth ahead. `TRAVEL` is the same on the whole way in, each stretch of it equally often. `ANYWHERE` is the hardest: any
+place with room, many views of a bare wall.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ _FEWEST_PLACES = 40
 _MOST_PLACES, _MOST_PLACES_IN_ALL = 20_000, 100_000
 _TANGENT_SD_MM = 8.0
 _SIGHT_SAMPLES = 12
+_STRETCH_MM = 3.0
+_PULL = 0.5
 
 _log = logging.getLogger(__name__)
 
@@ -101,6 +104,10 @@ class ViewDistribution:
         median_depth_mm: views whose median z-depth over a square picture of 45° is less are drawn again.
         balanced: draw each region equally often; else each place in the lumen.
         seen: views with less of that picture on a wall are drawn again too; a surface may have openings to see out of.
+        even: within a region, each stretch of the way in equally often; else each place, most of which lie in the
+            widest parts.
+        ahead_mm: before any tilt the camera is aimed by somebody who steers back to the passage, to be half as far
+            beside it after so many mm (as `naris.render.trajectories.Steering`); None aims along the passage.
     """
 
     name: str
@@ -111,6 +118,8 @@ class ViewDistribution:
     median_depth_mm: float
     balanced: bool
     seen: float = 0.3
+    even: bool = False
+    ahead_mm: float | None = None
 
     def __post_init__(self) -> None:
         sizes = (self.clearance_mm, self.tilt_sd_deg or 0.0, self.roll_sd_deg, self.median_depth_mm)
@@ -131,6 +140,19 @@ INSPECTION = ViewDistribution(
 )
 """Along the passage: two thirds of the views within 15° of it, rolled by 12°, a median of 3 mm or more ahead."""
 
+TRAVEL = ViewDistribution(
+    "travel",
+    clearance_mm=1.0,
+    tilt_sd_deg=12.0,
+    tilt_max_deg=40.0,
+    roll_sd_deg=12.0,
+    median_depth_mm=3.0,
+    balanced=True,
+    even=True,
+    ahead_mm=10.0,
+)
+"""As `INSPECTION`, but as often in a narrow stretch of the way as in a wide one, and steered back to its middle."""
+
 ANYWHERE = ViewDistribution(
     "anywhere",
     clearance_mm=1.2,
@@ -142,7 +164,7 @@ ANYWHERE = ViewDistribution(
 )
 """Any place with 1.2 mm of room, up to 25° off the passage, whatever is ahead: the hardest."""
 
-VIEW_DISTRIBUTIONS = {distribution.name: distribution for distribution in (INSPECTION, ANYWHERE)}
+VIEW_DISTRIBUTIONS = {distribution.name: distribution for distribution in (INSPECTION, TRAVEL, ANYWHERE)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,11 +173,13 @@ class ViewBank:
 
     Attributes:
         places_mm: (M, 3) nodes of the distance grid with enough clearance.
-        tangents: (M, 3) unit direction of the nearest passage in sight of each place, from outside to inside.
+        tangents: (M, 3) unit direction of the nearest passage in sight of each place, from outside to inside, or the
+            aim of somebody who steers back to it.
         region: (M,) rising.
         starts: (K + 1,) the places of region k are starts[k] … starts[k + 1] − 1.
         room_mm: (K,) the clearance that the places of each region have at least.
         distance, regions, distribution: what it was made of.
+        chances: (M + 1,) the chance of the places before each, added up; None where all are alike.
     """
 
     places_mm: Float[np.ndarray, "m 3"]
@@ -166,6 +190,7 @@ class ViewBank:
     distance: SignedDistance
     regions: RegionSet
     distribution: ViewDistribution
+    chances: Float[np.ndarray, "m1"] | None = None
 
 
 def view_bank(
@@ -192,8 +217,10 @@ def view_bank(
     keep = keep[np.argsort(region[keep], kind="stable")]
     places, region = places[keep], region[keep]
     starts = np.searchsorted(region, np.arange(len(regions.names) + 1))
-    tangents = passage_directions(places, distance, passages)
-    return ViewBank(places, tangents, region, starts, room, distance, regions, distribution)
+    ways, goals, way_mm = along_passages(places, distance, passages)
+    tangents = ways if distribution.ahead_mm is None else aims(ways, goals - places, distribution.ahead_mm)
+    chances = _even_chances(region, way_mm) if distribution.even else None
+    return ViewBank(places, tangents, region, starts, room, distance, regions, distribution, chances)
 
 
 def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator, avoid: Pose | None = None) -> Viewpoints:
@@ -269,10 +296,10 @@ def upright(forward: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     return up - (lift / np.maximum(1 + along, 1e-9))[..., None] * (forward + back)
 
 
-def passage_directions(
+def along_passages(
     places_mm: Float[np.ndarray, "m 3"], distance: SignedDistance, passages: Sequence[Passage]
-) -> Float[np.ndarray, "m 3"]:
-    """The direction, from outside to inside, of the nearest passage that each place can see.
+) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"], Float[np.ndarray, "m"]]:
+    """The nearest passage that each place can see: its direction inwards, its nearest point, its length up to there.
 
     In sight means that the straight line there stays inside the lumen; a place that sees none takes the nearest.
     """
@@ -282,6 +309,7 @@ def passage_directions(
     order = np.argsort(np.stack([reach for reach, _ in nearest], axis=1), axis=1, kind="stable")
     goals = np.stack([p.points_mm[index] for p, (_, index) in zip(passages, nearest, strict=True)], axis=1)
     ways = np.stack([tangents(p)[index] for p, (_, index) in zip(passages, nearest, strict=True)], axis=1)
+    depths = np.stack([_lengths_mm(p)[index] for p, (_, index) in zip(passages, nearest, strict=True)], axis=1)
     chosen = order[:, 0].copy()
     blind = np.arange(len(places_mm))
     for rank in range(len(passages)):
@@ -289,7 +317,16 @@ def passage_directions(
         seen = _in_sight(distance, places_mm[blind], goal)
         chosen[blind[seen]] = order[blind[seen], rank]
         blind = blind[~seen]
-    return ways[np.arange(len(places_mm)), chosen]
+    every = np.arange(len(places_mm))
+    return ways[every, chosen], goals[every, chosen], depths[every, chosen]
+
+
+def aims(
+    ways: Float[np.ndarray, "n 3"], back_mm: Float[np.ndarray, "n 3"], ahead_mm: float
+) -> Float[np.ndarray, "n 3"]:
+    """Unit directions along passages that lie `back_mm` away, and back to them: half of the way within `ahead_mm`."""
+    aim = ahead_mm * ways + _PULL * back_mm
+    return aim / np.linalg.norm(aim, axis=1, keepdims=True)
 
 
 def passages_of(anatomy: Anatomy, distance: SignedDistance) -> tuple[Passage, ...]:
@@ -309,6 +346,24 @@ def tangents(passage: Passage) -> Float[np.ndarray, "n 3"]:
     smooth = gaussian_filter1d(points, _TANGENT_SD_MM / step_mm, axis=0, mode="nearest")
     way = np.gradient(smooth, axis=0)
     return way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
+
+
+def _lengths_mm(passage: Passage) -> Float[np.ndarray, "n"]:
+    """Of the passage up to each of its points."""
+    steps = np.linalg.norm(np.diff(passage.points_mm, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _even_chances(region: Int[np.ndarray, "m"], way_mm: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m1"]:
+    """Chances, added up, that make each stretch of the way equally likely, but that all regions have chances alike.
+
+    A stretch that a border cuts has its chance in both regions together: the corner of it that lies beyond a border
+    would else be seen as often as a whole one.
+    """
+    stretch = (way_mm / _STRETCH_MM).astype(np.int64)
+    chance = 1 / np.bincount(stretch)[stretch]
+    chance /= np.bincount(region, chance)[region]
+    return np.concatenate([[0.0], np.cumsum(chance)])
 
 
 def _in_sight(
@@ -357,7 +412,7 @@ def _draw(bank: ViewBank, wanted: Int[np.ndarray, "n"], rng: np.random.Generator
     """A pose for each wanted region, not yet checked for depth."""
     first = np.where(wanted < 0, 0, bank.starts[wanted])
     last = np.where(wanted < 0, len(bank.region), bank.starts[wanted + 1])
-    place = first + (rng.random(len(wanted)) * (last - first)).astype(np.int64)
+    place = _places(bank, first, last, rng.random(len(wanted)))
     node = bank.places_mm[place]
     near = node + bank.distance.spacing_mm * (rng.random((len(wanted), 3)) - 0.5)
     fits = (bank.distance(near) >= bank.room_mm[bank.region[place]]) & (bank.regions.label(near) == bank.region[place])
@@ -365,6 +420,17 @@ def _draw(bank: ViewBank, wanted: Int[np.ndarray, "n"], rng: np.random.Generator
     forward = tilted(bank.tangents[place], _tilts_rad(bank.distribution, len(wanted), rng), rng)
     roll_rad = np.deg2rad(bank.distribution.roll_sd_deg) * rng.standard_normal(len(wanted))
     return Pose.look(position, forward, upright(forward), bank.regions.frame, roll_rad)
+
+
+def _places(
+    bank: ViewBank, first: Int[np.ndarray, "n"], last: Int[np.ndarray, "n"], share: Float[np.ndarray, "n"]
+) -> Int[np.ndarray, "n"]:
+    """A place from `first` to before `last`, at a share (0…1) of the chances between them."""
+    if bank.chances is None:
+        return first + (share * (last - first)).astype(np.int64)
+    low, high = bank.chances[first], bank.chances[last]
+    place = np.searchsorted(bank.chances, low + share * (high - low), side="right") - 1
+    return np.clip(place, first, last - 1)
 
 
 def tilted(
