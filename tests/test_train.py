@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,7 +34,7 @@ from naris.train import COMPACT_AT_WILL, COMPACT_FEW, PUBLISHED, Examples, Repla
 from naris.train.augment import FEW_PICTURES, Augmentation, augment
 from naris.train.data import FixedLessons, StreamLessons, split_off
 from naris.train.learner import rate
-from naris.train.loop import STATE
+from naris.train.loop import MODEL, STATE
 from naris.train.strangers import strangers
 
 SLABS = SlabRegions("paper", ("a", "b", "c"), "mean", 1, (-10.0, 10.0))
@@ -241,6 +242,46 @@ def test_it_learns_and_finds_regions_of_new_pictures(tmp_path: Path) -> None:
         for p, y in zip(predictions, new.anatomy_T_camera.position_mm[:, 1], strict=True)
     ]
     assert np.median(off_mm) < 8
+
+
+def test_a_training_starts_from_given_weights(tmp_path: Path) -> None:
+    first = train(_examples(), QUICK.lasting(epochs=40), tmp_path / "a")
+    start = load_checkpoint(first.checkpoint)
+    again = train(_examples(), QUICK.lasting(epochs=1), tmp_path / "b", start=start)
+    fresh = train(_examples(), QUICK.lasting(epochs=1), tmp_path / "c")
+    assert again.losses[0, 1] < 0.7 * fresh.losses[0, 1]
+    kept = load_checkpoint(again.checkpoint).weights
+    assert np.array_equal(kept["position_mean_mm"], start.weights["position_mean_mm"])
+
+
+def test_a_training_from_given_weights_is_taken_up_again_and_told_from_others(tmp_path: Path) -> None:
+    start = load_checkpoint(train(_examples(), QUICK, tmp_path / "start").checkpoint)
+    with pytest.raises(KeyboardInterrupt):
+        train(_examples(), QUICK, tmp_path / "a", start=start, progress=_Stop(4))
+    with pytest.raises(ConfigurationChanged):
+        train(_examples(), QUICK, tmp_path / "a")
+    train(_examples(), QUICK, tmp_path / "a", start=start)
+    train(_examples(), QUICK, tmp_path / "b", start=start)
+    assert _same_weights(tmp_path / "a" / MODEL, tmp_path / "b" / MODEL)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"config": QUICK.with_(network=replace(TINY, embedding=16))}, "configuration"),
+        ({"config": TWO_LAYER}, "network"),
+        ({"names": ("a", "b", "d")}, "regions"),
+        ({"frame": "LPS"}, "frame"),
+    ],
+)
+def test_weights_that_do_not_fit_are_no_start(tmp_path: Path, changes: dict[str, Any], says: str) -> None:
+    start = load_checkpoint(train(_examples(), QUICK.lasting(epochs=1), tmp_path / "start").checkpoint)
+    subject = start.subject
+    regions = replace(subject.regions, names=changes.get("names", subject.regions.names))
+    start = replace(start, subject=replace(subject, regions=regions, frame=changes.get("frame", subject.frame)))
+    with pytest.raises(CheckpointError, match=f"a model to start from with the {says}"):
+        train(_examples(), changes.get("config", QUICK), tmp_path / "a", start=start)
+    assert not (tmp_path / "a").exists()
 
 
 def test_epochs_show_every_picture_once() -> None:

@@ -29,9 +29,11 @@ from naris.experiment.gather import Telling, locate_some, network_result, report
 from naris.experiment.score import score
 from naris.experiment.sets import TRAJECTORY, Sets, Setting, make_sets
 from naris.experiment.stages import EVALUATE, PICTURES, Journal
+from naris.experiment.start_weights import NOSES, START_WEIGHTS
+from naris.model.checkpoint import load_checkpoint
 from naris.render.appearance import TRAINING_APPEARANCE, UNSEEN_APPEARANCE
 from naris.render.scene import Scene
-from naris.render.viewpoints import INSPECTION
+from naris.render.viewpoints import TRAVEL
 from naris.report.data import ReportData
 from naris.train import COMPACT_DEMO, PUBLISHED
 
@@ -122,7 +124,7 @@ def _train(
     size_px = COMPACT_DEMO.network.input_px
     camera = setting.intrinsics.resized(size_px, size_px)
     with journal.stage(VIEWS):
-        stream = view_stream(setting.scene, setting.regions, INSPECTION, TRAINING_APPEARANCE, camera, config.seed)
+        stream = view_stream(setting.scene, setting.regions, TRAVEL, TRAINING_APPEARANCE, camera, config.seed)
         stream = stream.away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
     journal.note(VIEWS, "where views at will may be drawn")
     budget_s = _budget_s(config, out, journal)
@@ -130,9 +132,10 @@ def _train(
         COMPACT_AT_WILL,
         "compact, views at will",
         COMPACT_WORDS,
-        f"Views rendered as it learns, for {budget_s:.0f} s.",
+        f"Views rendered as it learns, for {budget_s:.0f} s, from weights that know {NOSES} other noses.",
         COMPACT_DEMO.lasting(budget_s=budget_s).with_(threads=max(2, COMPACT_DEMO.torch_threads)),
         (config.seed,),
+        start=load_checkpoint(START_WEIGHTS),
     )
     return [from_views_at_will(at_will, stream, out, journal, progress), trained]
 

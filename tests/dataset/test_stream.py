@@ -9,7 +9,7 @@ import pytest
 
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
-from naris.dataset.stream import MANY_SCOPES, Scopes, ViewStream, view_stream
+from naris.dataset.stream import MANY_SCOPES, Scopes, SeveralStreams, ViewStream, view_stream
 from naris.errors import InputError
 from naris.render.appearance import PAPER, TRAINING_APPEARANCE
 from naris.render.scene import Scene, render
@@ -113,3 +113,18 @@ def test_a_scope_of_impossible_numbers_is_refused() -> None:
     for wrong in ({"vertical_fov_deg": (60.0, 50.0)}, {"vertical_fov_deg": (0.0, 50.0)}, {"shift": 0.7}, {"group": 0}):
         with pytest.raises(InputError, match="fields of view"):
             Scopes(**wrong)
+
+
+def test_several_streams_take_turns(stream) -> None:
+    other = replace(stream, seed=8)
+    both = SeveralStreams((stream, other))
+    assert same(both.batch(4, 8), stream.batch(4, 8))
+    assert same(both.batch(5, 8), other.batch(5, 8))
+    assert (both.anatomy.digest, both.regions.names) == (stream.anatomy.digest, stream.regions.names)
+
+
+def test_streams_of_several_kinds_are_refused(stream) -> None:
+    with pytest.raises(InputError, match="the same regions"):
+        SeveralStreams((stream, replace(stream, intrinsics=Intrinsics.from_vertical_fov(32, 32, 60.0))))
+    with pytest.raises(InputError, match="0 kinds"):
+        SeveralStreams(())

@@ -19,6 +19,11 @@ for name in names:
     importlib.import_module(name)
 print(json.dumps({"where": naris.__file__, "modules": len(names), "version": naris.__version__}))
 """
+LOAD_WEIGHTS = """
+from naris.experiment.start_weights import START_WEIGHTS
+from naris.model.checkpoint import load_checkpoint
+load_checkpoint(START_WEIGHTS)
+"""
 
 
 def main() -> None:
@@ -44,6 +49,7 @@ def main() -> None:
         sys.exit("naris --version is not the version of the package")
     if not (Path(found["where"]).parent / "py.typed").exists():
         sys.exit("the wheel lacks py.typed")
+    run("python", "-I", "-c", LOAD_WEIGHTS)
     print(f"naris {found['version']} from the wheel: {len(verbs)} verbs answer, {found['modules']} modules import")
 
 

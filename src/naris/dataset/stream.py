@@ -173,6 +173,48 @@ class ViewStream:
         return self.appearance.sample(rng) if isinstance(self.appearance, AppearanceDistribution) else self.appearance
 
 
+@dataclass(frozen=True, eq=False)
+class SeveralStreams:
+    """Streams over several anatomies as one: each batch is of one of them, in turn.
+
+    Attributes:
+        parts: the streams, with the same region set (by name) and the same intrinsics.
+
+    Raises:
+        InputError: if there are none, or their region sets or cameras differ.
+    """
+
+    parts: tuple[ViewStream, ...]
+
+    def __post_init__(self) -> None:
+        kinds = {(part.regions.names, part.anatomy.frame, part.intrinsics) for part in self.parts}
+        if len(kinds) != 1:
+            raise InputError(
+                "streams with the same regions, frame and camera", f"{len(kinds)} kinds", "give those of one kind"
+            )
+
+    @property
+    def anatomy(self) -> Anatomy:
+        """The first one, in whose name the others speak."""
+        return self.parts[0].anatomy
+
+    @property
+    def regions(self) -> RegionSet:
+        return self.parts[0].regions
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        return self.parts[0].intrinsics
+
+    def batch(self, index: int, size: int) -> Batch:
+        """Batch number `index` of `size` views, all of anatomy `index` modulo their number.
+
+        Raises:
+            RegionError: if a region has no view that the distribution allows.
+        """
+        return self.parts[index % len(self.parts)].batch(index, size)
+
+
 def view_stream(
     scene: Scene,
     regions: RegionSet,

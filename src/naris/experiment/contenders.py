@@ -10,6 +10,7 @@ from naris.core.progress import Progress
 from naris.dataset.read import Dataset
 from naris.dataset.stream import ViewStream
 from naris.experiment.stages import Journal
+from naris.model.checkpoint import Checkpoint
 from naris.train import Examples, TrainConfig, TrainingRun, train, train_runs
 
 TWO_LAYER, COMPACT, COMPACT_AT_WILL = "two_layer", "compact", "compact_at_will"
@@ -27,6 +28,7 @@ class Plan:
         config: how it learns.
         seeds: of its runs.
         workers: runs at a time.
+        start: weights to begin with, on views at will.
     """
 
     key: str
@@ -36,6 +38,7 @@ class Plan:
     config: TrainConfig
     seeds: tuple[int, ...]
     workers: int = 1
+    start: Checkpoint | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,14 @@ def from_views_at_will(plan: Plan, stream: ViewStream, out: Path, journal: Journ
     folders = [out / plan.key / f"seed-{seed}" for seed in plan.seeds]
     with journal.stage(_stage(plan)):
         runs = [
-            train(stream, plan.config.with_(seed=seed), folder, progress=progress, task=f"{plan.label}, seed {seed}")
+            train(
+                stream,
+                plan.config.with_(seed=seed),
+                folder,
+                start=plan.start,
+                progress=progress,
+                task=f"{plan.label}, seed {seed}",
+            )
             for seed, folder in zip(plan.seeds, folders, strict=True)
         ]
     return _told(Contender(plan, tuple(runs)), journal)

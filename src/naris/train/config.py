@@ -178,9 +178,15 @@ COMPACT_AT_WILL = TrainConfig(
 """The compact network on views that are rendered as it learns."""
 
 COMPACT_DEMO = COMPACT_AT_WILL.lasting(budget_s=140.0).with_(
-    name="compact, demo", network=CompactConfig(input_px=96), average=0.995, replay=Replay(times=8, memory=96)
+    name="compact, demo",
+    network=CompactConfig(input_px=96),
+    adam=Adam(learning_rate=1e-3, weight_decay=0.05, decoupled=True, cycle=True),
+    muon=Muon(learning_rate=3e-3),
+    average=0.995,
+    replay=Replay(times=8, memory=96),
 )
-"""The same in little more than two minutes.
+"""The same in little more than two minutes, from weights that know other noses (`naris.experiment.start_weights`).
 
-Smaller pictures that are shown more often leave time for many more steps, which is what so short a training lacks.
+Smaller pictures that are shown more often leave time for many more steps, which is what so short a training lacks;
+lower rates keep what the weights know.
 """

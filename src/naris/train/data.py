@@ -277,6 +277,10 @@ def stream_description(stream: Stream) -> dict[str, object]:
     """What tells one stream from another: its settings, as far as it has them."""
     names = ("appearance", "seed", "scopes", "intrinsics")
     settings = {name: getattr(stream, name) for name in names if hasattr(stream, name)}
+    parts = getattr(stream, "parts", None)
+    if parts is not None:
+        several = [{"anatomy": part.anatomy.digest, **stream_description(part)} for part in parts]
+        return {"kind": type(stream).__name__, "parts": several}
     views = getattr(getattr(stream, "bank", None), "distribution", None)
     avoid: Pose | None = getattr(stream, "avoid", None)
     passages = [[passage.name, passage.points_mm] for passage in stream.anatomy.passages]

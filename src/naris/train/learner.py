@@ -12,6 +12,7 @@ from jaxtyping import Float, Shaped
 from torch import Tensor, nn
 from torch.nn import functional
 
+from naris.core.provenance import plain
 from naris.errors import CheckpointError
 from naris.model import two_layer
 from naris.model.checkpoint import Checkpoint, Subject, Tensors
@@ -56,19 +57,33 @@ class Learner:
         subject: what the network is for.
         positions_mm: (N, 3) some camera positions, for the network's unit of length.
         precision: `float32` or `bfloat16`.
+        start: a trained network of the same shape to begin with, instead of random weights. Its units of length are
+            kept, so that its pose head knows what it knew.
+
+    Raises:
+        CheckpointError: if `start` has another shape, or speaks of other regions or another frame.
     """
 
     def __init__(
-        self, config: TrainConfig, subject: Subject, positions_mm: Float[np.ndarray, "n 3"], precision: str
+        self,
+        config: TrainConfig,
+        subject: Subject,
+        positions_mm: Float[np.ndarray, "n 3"],
+        precision: str,
+        start: Checkpoint | None = None,
     ) -> None:
         self.config, self.subject, self.precision = config, subject, precision
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(config.seed)
             self.network = build(config.network, len(subject.regions.names))
+        if start is not None:
+            check_start(start, config, subject)
+            load_weights(self.network, start.weights)
         if isinstance(self.network, Compact):
             self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-            self.network.position_mean_mm[:] = torch.from_numpy(positions_mm.mean(axis=0))
-            self.network.position_scale_mm[:] = torch.from_numpy(np.maximum(positions_mm.std(axis=0), 1.0))
+            if start is None:
+                self.network.position_mean_mm[:] = torch.from_numpy(positions_mm.mean(axis=0))
+                self.network.position_scale_mm[:] = torch.from_numpy(np.maximum(positions_mm.std(axis=0), 1.0))
         self.optimiser = Optimiser(self.network, config, precision)
         self.average = [value.clone() for value in _numbers(self.network)] if config.average else []
         self.steps = 0
@@ -139,6 +154,23 @@ class Learner:
         )
         network = self.network
         return compact_loss(output, targets, network.position_mean_mm, network.position_scale_mm, self.config.loss)
+
+
+def check_start(start: Checkpoint, config: TrainConfig, subject: Subject) -> None:
+    """See that a training of `config` on `subject` can begin with these weights.
+
+    Raises:
+        CheckpointError: if not.
+    """
+    wanted = (name_of(config.network), config_json(config.network), subject.regions.names, subject.frame)
+    given = (start.network, start.config, start.subject.regions.names, start.subject.frame)
+    for what, one, other in zip(("network", "configuration", "regions", "frame"), wanted, given, strict=True):
+        if plain(one) != plain(other):
+            raise CheckpointError(
+                f"a model to start from with the {what} {plain(one)}",
+                f"{plain(other)}",
+                "start from another model or from none",
+            )
 
 
 def _numbers(network: nn.Module) -> list[Tensor]:

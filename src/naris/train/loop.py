@@ -26,12 +26,12 @@ from naris.core.atomic import write_json
 from naris.core.progress import SILENT, Advance, Progress
 from naris.core.provenance import Stopwatch, digest, plain, versions
 from naris.errors import CheckpointError, ConfigurationChanged, InputError
-from naris.model.checkpoint import read_tensors, save_checkpoint, write_tensors
+from naris.model.checkpoint import Checkpoint, read_tensors, save_checkpoint, write_tensors
 from naris.model.localizer import limited
 from naris.train.config import TrainConfig
 from naris.train.data import Examples, Lessons, Stream, lessons_from, lessons_of, split_off
 from naris.train.fit import calibrated
-from naris.train.learner import PARTS, Learner, resolved_precision
+from naris.train.learner import PARTS, Learner, check_start, resolved_precision
 
 MODEL, RUN, STATE = "model.safetensors", "run.json", "state.safetensors"
 _RUN_SCHEMA, _STATE_SCHEMA = "naris.training/1", "naris.training-state/1"
@@ -99,6 +99,7 @@ def train(
     config: TrainConfig,
     out: Path,
     *,
+    start: Checkpoint | None = None,
     progress: Progress = SILENT,
     task: str = "train",
 ) -> TrainingRun:
@@ -111,12 +112,13 @@ def train(
         data: a fixed set, or a stream.
         config: how.
         out: a folder that is new, empty, or holds this very training.
+        start: a model of the same shape, for the same regions in the same frame, whose weights to begin with.
         progress: told of every step (of thousandths of a budget).
         task: its name there.
 
     Raises:
         ConfigurationChanged: if `out` holds a training with other settings or other data; nothing is touched.
-        CheckpointError: if its state is damaged.
+        CheckpointError: if its state is damaged, or `start` does not fit.
         InputError: if `out` is a file, or a folder with other things in it; nothing is touched.
         DatasetError: if the data cannot be learned from.
         DiskFull: if there is no room; the state before stays.
@@ -125,14 +127,16 @@ def train(
     if isinstance(data, Examples):
         data, kept = split_off(data, config.validation_share, config.seed)
     lessons = lessons_of(data, config)
-    identity = digest([config.made_of, lessons.identity])
+    identity = digest([config.made_of, lessons.identity, *([] if start is None else [start.weights])])
+    if start is not None:
+        check_start(start, config, lessons.subject)
     if (out / RUN).is_file():
         run = _same(read_run(out), out, identity)
         _log.info("the training in %s was finished before: nothing to do", out)
         return run
     _check_free(out)
     with limited(config.torch_threads):
-        learner, journal = _begin(lessons, config, out, identity)
+        learner, journal = _begin(lessons, config, out, identity, start)
         try:
             with Stopwatch() as watch, progress.task(task, _ticks(config, lessons)) as advance:
                 _learn(_Loop(learner, lessons, journal, out, identity, advance), watch)
@@ -253,15 +257,18 @@ def _check_free(out: Path) -> None:
         )
 
 
-def _begin(lessons: Lessons, config: TrainConfig, out: Path, identity: str) -> tuple[Learner, _Journal]:
+def _begin(
+    lessons: Lessons, config: TrainConfig, out: Path, identity: str, start: Checkpoint | None
+) -> tuple[Learner, _Journal]:
     """A learner at its first step, or where the state in the folder says."""
     path = out / STATE
     if not path.is_file():
-        return Learner(config, lessons.subject, lessons.positions_mm(), resolved_precision(config)), _Journal([])
+        fresh = Learner(config, lessons.subject, lessons.positions_mm(), resolved_precision(config), start)
+        return fresh, _Journal([])
     about, tensors = read_tensors(path, _STATE_SCHEMA, "a training's state", f"remove {out} to start anew")
     if about.get("identity") != identity:
         raise _changed(out)
-    learner = Learner(config, lessons.subject, lessons.positions_mm(), str(about["precision"]))
+    learner = Learner(config, lessons.subject, lessons.positions_mm(), str(about["precision"]), start)
     history = tensors.pop(_HISTORY)
     learner.restore(tensors, int(about["steps"]))
     _log.info("going on after step %d of the training in %s", learner.steps, out)

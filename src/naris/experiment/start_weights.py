@@ -1,0 +1,69 @@
+"""The weights that the demo's network starts from: those of one that has learned its way in many other noses.
+
+`python docs/make_start_weights.py` makes them anew; `docs/start_weights.md` says what they are and how good.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from naris.anatomy.builtin import built_in_nose
+from naris.anatomy.builtin.variation import drawn_parameters
+from naris.core.camera import Intrinsics
+from naris.core.progress import SILENT, Progress
+from naris.dataset.stream import SeveralStreams, view_stream
+from naris.render.appearance import TRAINING_APPEARANCE
+from naris.render.scene import Scene
+from naris.render.viewpoints import TRAVEL
+from naris.train import COMPACT_AT_WILL, COMPACT_DEMO, Replay, TrainConfig, TrainingRun, train
+
+START_WEIGHTS = Path(__file__).parent / "weights" / "noses.safetensors"
+"""The file that ships with naris."""
+
+REGIONS = "paper"
+NOSES, STEPS, SEED = 32, 10000, 20181026
+FOV_DEG = 45.0
+_log = logging.getLogger(__name__)
+
+
+def noses_stream(count: int, seed: int, size_px: int) -> SeveralStreams:
+    """Views in noses of drawn parameters (`naris.anatomy.builtin.variation`), the built-in nose itself not among them.
+
+    Raises:
+        RegionError: if a region of one has no room for a camera.
+    """
+    camera = Intrinsics.from_vertical_fov(size_px, size_px, FOV_DEG)
+    parts = []
+    for number in range(count):
+        nose = built_in_nose(drawn_parameters(np.random.default_rng([seed, number])))
+        regions = nose.region_set(REGIONS)
+        parts.append(view_stream(Scene(nose), regions, TRAVEL, TRAINING_APPEARANCE, camera, seed + number))
+        _log.info("nose %d of %d", number + 1, count)
+    return SeveralStreams(tuple(parts))
+
+
+def start_config(steps: int, seed: int) -> TrainConfig:
+    """How the weights are trained."""
+    return COMPACT_AT_WILL.lasting(steps=steps).with_(
+        name="compact, start weights", network=COMPACT_DEMO.network, seed=seed, replay=Replay(times=4, memory=192)
+    )
+
+
+def make_start_weights(
+    out: Path,
+    stream: SeveralStreams | None = None,
+    *,
+    steps: int = STEPS,
+    seed: int = SEED,
+    progress: Progress = SILENT,
+) -> TrainingRun:
+    """Train the demo's network in the folder `out`, or go on there; on `NOSES` noses if no stream is given.
+
+    Raises:
+        ConfigurationChanged, InputError, DiskFull: as `naris.train.train`.
+    """
+    stream = stream or noses_stream(NOSES, seed, COMPACT_DEMO.network.input_px)
+    return train(stream, start_config(steps, seed), out, progress=progress, task="start weights")
