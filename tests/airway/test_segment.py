@@ -20,6 +20,8 @@ from naris.ct.read import read_scan
 from naris.errors import ScanError
 from tests.ct.dicom_files import affine, grid
 
+COARSE_MM = 0.8
+
 
 @pytest.fixture(scope="module")
 def nose() -> Anatomy:
@@ -57,7 +59,7 @@ def test_the_lumen_of_a_simulated_head_is_found(nose: Anatomy, airway: Airway) -
 
 def test_left_is_left_and_right_is_right(nose: Anatomy, airway: Airway) -> None:
     for side, label in (("left", LEFT), ("right", RIGHT)):
-        for place in ("valve", "inferior meatus", "middle meatus", "nasal floor"):
+        for place in ("valve", "inferior meatus", "middle meatus", "common meatus"):
             at = airway.block.index(nose.landmarks_mm[f"{side}.{place}"])
             assert airway.labels[tuple(at)] == label, f"{side} {place}"
     assert airway.labels[tuple(airway.block.index(nose.landmarks_mm["nasopharynx"]))] == NASOPHARYNX
@@ -84,7 +86,7 @@ def test_a_mirrored_head_has_its_sides_changed(scan: Volume, airway: Airway) -> 
     matrix = mirror @ scan.frame_T_index
     mirrored = segment_airway(Volume(scan.hu, matrix))
     for one, other in ((LEFT, RIGHT), (RIGHT, LEFT), (NASOPHARYNX, NASOPHARYNX)):
-        assert mirrored.volume_ml(one) == pytest.approx(airway.volume_ml(other), rel=0.02)
+        assert mirrored.volume_ml(one) == pytest.approx(airway.volume_ml(other), rel=0.03)
 
 
 def test_expert_labels_of_a_real_scan_are_met(shared_data) -> None:
@@ -111,7 +113,7 @@ def on_voxels(airway: Airway, volume: Volume) -> np.ndarray:
 
 @pytest.mark.slow
 def test_a_real_head_with_an_open_mouth_and_metal(shared_data) -> None:
-    airway = segment_airway(read_scan(shared_data / "ct-head/ct_head.nii.gz").volume)
+    airway = segment_airway(read_scan(shared_data / "ct-head/ct_head.nii.gz").volume, COARSE_MM)
     for side in (RIGHT, LEFT):
         assert 6 < airway.volume_ml(side) < 20
     assert 4 < airway.volume_ml(NASOPHARYNX) < 20
@@ -129,7 +131,7 @@ def test_a_blocked_nostril_is_told(nose: Anatomy, scan: Volume) -> None:
     off = scan.points_mm(places) - nose.landmarks_mm["left.nostril"]
     hu[(np.abs(off[..., 0]) < 7) & (np.abs(off[..., 1]) < 14) & (np.abs(off[..., 2] - 2) < 7)] = 40
     with pytest.raises(ScanError, match="two open nostrils"):
-        segment_airway(replace(scan, hu=hu))
+        segment_airway(replace(scan, hu=hu), COARSE_MM)
 
 
 def test_a_head_without_a_room_in_front_is_refused() -> None:
@@ -147,7 +149,7 @@ def test_a_ball_has_no_nostrils() -> None:
     hu[x**2 + y**2 + z**2 < 10**2] = -1000
     matrix = np.diag([2.0, 2.0, 2.0, 1.0])
     with pytest.raises(ScanError, match="two open nostrils"):
-        segment_airway(Volume(hu, matrix))
+        segment_airway(Volume(hu, matrix), COARSE_MM)
 
 
 def test_a_block_has_the_scan_s_values_where_they_are() -> None:

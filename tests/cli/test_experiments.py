@@ -61,7 +61,12 @@ def test_a_demo_ends_with_its_files_and_a_second_tells_the_same(
         assert json.loads((tmp_path / "out" / "figures.json").read_text())["figures"] == told[-1]["figures"]
     first, second = ({figure["name"]: figure["value"] for figure in one["figures"]} for one in told)
     assert first == second
-    assert first.keys() == {"demo.region_accuracy", "demo.seconds", "demo.position_median_mm"}
+    assert first.keys() == {
+        "demo.region_accuracy",
+        "demo.training_pictures",
+        "demo.seconds",
+        "demo.position_median_mm",
+    }
     assert told[0]["seconds"] == told[1]["seconds"]
     assert told[0]["seconds"]["wall"] == first["demo.seconds"] > 1.0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

@@ -50,7 +50,7 @@ def basins_of(air: Bool[np.ndarray, "nx ny nz"], room_mm: Float32[np.ndarray, "n
     """Cut air at its narrow places."""
     levels = np.minimum(np.round(room_mm * _LEVELS), 255).astype(np.uint8)
     peaks, count = label(h_maxima(levels, round(_DEPTH_MM * _LEVELS)), _EVERYWHERE)
-    part = np.asarray(watershed(-room_mm, peaks, mask=air), dtype=np.int32)
+    part = np.asarray(watershed(-room_mm, peaks, connectivity=_EVERYWHERE, mask=air), dtype=np.int32)
     widest = np.asarray(maximum(room_mm, part, np.arange(count + 1)), dtype=np.float64)
     pairs, necks = _borders(part, room_mm, count)
     return Basins(part, widest, pairs, necks)

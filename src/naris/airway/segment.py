@@ -30,6 +30,7 @@ RIGHT, LEFT, NASOPHARYNX, ATTACHED = 1, 2, 3, 4
 _BESIDE_MM, _BEHIND_MM, _ABOVE_MM, _BELOW_MM = 55.0, 125.0, 75.0, 45.0  # of the tip of the nose, the block reaches
 _FLOOR_MM = 25.0  # below the nasal floor the pharynx is cut
 _CLIPPED_MM = 1.0
+_LEAST_ROWS = 20
 _EVERYWHERE = np.ones((3, 3, 3), dtype=bool)
 
 
@@ -85,7 +86,7 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     findings = []
     if tip_mm[1] - volume.bounds_mm[0, 1] < _CLIPPED_MM:
         findings.append(Finding("clipped nose", "the scan begins at the tip of the nose, which may be cut", "warning"))
-    landmarks = _landmarks(block, labels, openings, tip_mm, choana_row(labels > 0, right, left))
+    landmarks = _landmarks(block, labels, openings, tip_mm)
     return Airway(labels, block, landmarks, tuple(findings))
 
 
@@ -152,17 +153,20 @@ def _landmarks(
     labels: UInt8[np.ndarray, "nx ny nz"],
     openings: dict[str, Opening],
     tip_mm: Float[np.ndarray, "3"],
-    row: int,
 ) -> dict[str, Float[np.ndarray, "3"]]:
     found = {"anterior tip": tip_mm}
     for side, number in (("right", RIGHT), ("left", LEFT)):
         of_side = labels == number
+        rows = np.flatnonzero(of_side.any(axis=(0, 2)))
+        if len(rows) < _LEAST_ROWS:
+            raise ScanError(
+                f"a {side} nasal cavity of some length", f"{len(rows)} rows of it", "segment this scan by hand"
+            )
+        first, last = int(rows[0]), int(rows[-1])
         found[f"{side}.nostril"] = block.points_mm(openings[side].middle)
-        at = np.argwhere(of_side[:, row - 1, :])
-        found[f"{side}.choana"] = block.points_mm(_middle(np.insert(at, 1, row - 1, axis=1)))
-        first = int(np.flatnonzero(of_side.any(axis=(0, 2)))[0])
-        third = (row - first) // 3
-        nodes = np.argwhere(of_side[:, first + third : row - third])
+        found[f"{side}.choana"] = block.points_mm(_middle(np.insert(np.argwhere(of_side[:, last]), 1, last, axis=1)))
+        third = (last - first) // 3
+        nodes = np.argwhere(of_side[:, first + third : last + 1 - third])
         lowest = nodes[nodes[:, 2].argmin()] + [0, first + third, 0]
         found[f"{side}.nasal floor"] = block.points_mm(lowest)
     behind = np.argwhere(labels == NASOPHARYNX)
