@@ -11,6 +11,7 @@ from naris.anatomy.distance import signed_distance
 from naris.core.anatomy import Passage
 from naris.core.pose import Pose
 from naris.errors import InputError, RegionError
+from naris.render.directions import tangents, upright
 from naris.render.keyframes import Keyframes, interpolate
 from naris.render.trajectories import (
     OriginalJitter,
@@ -21,7 +22,7 @@ from naris.render.trajectories import (
     roomy_parts,
     trajectory_along,
 )
-from naris.render.viewpoints import check_in_lumen, tangents, upright
+from naris.render.viewpoints import check_in_lumen
 from tests.winding_tube import RADIUS_MM, SLABS, centre_line, winding_tube
 
 

@@ -16,6 +16,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
 from naris.errors import InputError, PoseError, RegionError
 from naris.render.appearance import PAPER
+from naris.render.directions import aims, along_passages, tangents, tilted, upright
 from naris.render.scene import Scene, render
 from naris.render.viewpoints import (
     ANYWHERE,
@@ -24,16 +25,11 @@ from naris.render.viewpoints import (
     TRAVEL,
     ViewDistribution,
     _even_chances,
-    aims,
-    along_passages,
     check_in_lumen,
     draw_views,
     joined,
     passages_of,
     sees_ahead,
-    tangents,
-    tilted,
-    upright,
     view_bank,
 )
 from tests.winding_tube import RADIUS_MM, SLABS, centre_line, winding_tube

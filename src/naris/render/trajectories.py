@@ -16,8 +16,9 @@ from naris.anatomy.distance import SignedDistance
 from naris.core.anatomy import Passage, RegionSet
 from naris.core.pose import Pose
 from naris.errors import InputError, RegionError
+from naris.render.directions import aims, tangents, upright
 from naris.render.keyframes import UP, Keyframes, Trajectory
-from naris.render.viewpoints import Viewpoints, aims, tangents, upright
+from naris.render.viewpoints import Viewpoints
 
 VIEWS_PER_POSITION = 10
 
