@@ -12,7 +12,7 @@ from naris.core.pose import Pose
 from naris.dataset.stream import MANY_SCOPES, Scopes, SeveralStreams, ViewStream, view_stream
 from naris.errors import InputError
 from naris.render.appearance import PAPER, TRAINING_APPEARANCE
-from naris.render.directions import UP
+from naris.render.keyframes import UP
 from naris.render.scene import Scene, render
 from naris.render.viewpoints import INSPECTION
 from tests.winding_tube import SLABS, winding_tube

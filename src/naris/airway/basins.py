@@ -15,9 +15,10 @@ from scipy.ndimage import distance_transform_edt, label, maximum
 from skimage.morphology import h_maxima
 from skimage.segmentation import watershed
 
+from naris.airway.block import TOUCHING
+
 _DEPTH_MM = 0.4  # of a basin, in radius, to be one of its own
 _LEVELS = 8  # a mm, of the distances that maxima are sought in
-_EVERYWHERE = np.ones((3, 3, 3), dtype=bool)
 
 SLIT_MM = 2.9
 """A part with no more room than this, from its middle to the wall, may be a slit between turbinate and wall."""
@@ -49,8 +50,8 @@ def wall_mm(air: Bool[np.ndarray, "nx ny nz"], step_mm: float) -> Float32[np.nda
 def basins_of(air: Bool[np.ndarray, "nx ny nz"], room_mm: Float32[np.ndarray, "nx ny nz"]) -> Basins:
     """Cut air at its narrow places."""
     levels = np.minimum(np.round(room_mm * _LEVELS), 255).astype(np.uint8)
-    peaks, count = label(h_maxima(levels, round(_DEPTH_MM * _LEVELS)), _EVERYWHERE)
-    part = np.asarray(watershed(-room_mm, peaks, connectivity=_EVERYWHERE, mask=air), dtype=np.int32)
+    peaks, count = label(h_maxima(levels, round(_DEPTH_MM * _LEVELS)), TOUCHING)
+    part = np.asarray(watershed(-room_mm, peaks, connectivity=TOUCHING, mask=air), dtype=np.int32)
     widest = np.asarray(maximum(room_mm, part, np.arange(count + 1)), dtype=np.float64)
     pairs, necks = _borders(part, room_mm, count)
     return Basins(part, widest, pairs, necks)

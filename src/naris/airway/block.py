@@ -13,6 +13,9 @@ from naris.core.volume import Volume
 BEYOND_HU = 40
 """What stands where the scan has nothing: soft tissue, so that no air is made up."""
 
+TOUCHING = np.ones((3, 3, 3), dtype=bool)
+"""Nodes that share a corner touch: slits of one node across stay whole."""
+
 
 @dataclass(frozen=True, eq=False)
 class Block:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_dilation, distance_transform_edt, label, percentile_filter
 
-from naris.airway.block import Block, block_of
+from naris.airway.block import TOUCHING, Block, block_of
 from naris.core.volume import Volume
 from naris.errors import ScanError
 
@@ -22,7 +22,6 @@ _TIP_MM = 1.5
 _BESIDE_MM, _BEHIND_MM, _ABOVE_MM, _BELOW_MM = 20.0, 30.0, 6.0, 30.0  # of the tip of the nose, nostrils open there
 _LEAST_OPENING_MM2 = 4.0
 _MOST_SHARE = 0.9
-_EVERYWHERE = np.ones((3, 3, 3), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +80,8 @@ def nostrils(
     """Where the airway touches the room near the tip of the nose, largest first."""
     x, y, z = (block.axis_mm(axis) - tip_mm[axis] for axis in range(3))
     near = (np.abs(x) < _BESIDE_MM) & (y < _BEHIND_MM) & (z < _ABOVE_MM) & (z > -_BELOW_MM)
-    touching = airway & binary_dilation(room, _EVERYWHERE) & near
-    parts, count = label(touching, _EVERYWHERE)
+    touching = airway & binary_dilation(room, TOUCHING) & near
+    parts, count = label(touching, TOUCHING)
     sizes = np.bincount(parts.ravel(), minlength=count + 1)
     least = _LEAST_OPENING_MM2 / block.step_mm**2
     order = [part for part in np.argsort(-sizes[1:], kind="stable") + 1 if sizes[part] >= least]

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import binary_dilation, label
 
 from naris.airway.basins import Basins, basins_of, nasal_parts, wall_mm
-from naris.airway.block import Block, block_of
+from naris.airway.block import TOUCHING, Block, block_of
 from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostrils, room_air
 from naris.airway.ways import choana_row, pharynx_nodes, sides, ways_in
 from naris.core.volume import LPS, Volume
@@ -31,7 +31,6 @@ _BESIDE_MM, _BEHIND_MM, _ABOVE_MM, _BELOW_MM = 55.0, 125.0, 75.0, 45.0  # of the
 _FLOOR_MM = 25.0  # below the nasal floor the pharynx is cut
 _CLIPPED_MM = 1.0
 _LEAST_ROWS = 20
-_EVERYWHERE = np.ones((3, 3, 3), dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +80,7 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     openings, right, left = _two_ways(block, airway, room, wall, tip_mm)
     basins = basins_of(airway, wall)
     labels = _labels(basins, airway, wall, right, left, block)
-    at_face = np.unique(basins.part[airway & binary_dilation(room, _EVERYWHERE)])
+    at_face = np.unique(basins.part[airway & binary_dilation(room, TOUCHING)])
     labels[np.isin(basins.part, at_face) & (labels == ATTACHED)] = 0  # what lies along the skin is the room
     findings = []
     if tip_mm[1] - volume.bounds_mm[0, 1] < _CLIPPED_MM:
@@ -91,7 +90,7 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
 
 
 def _largest(mask: Bool[np.ndarray, "nx ny nz"]) -> Bool[np.ndarray, "nx ny nz"]:
-    parts, count = label(mask, _EVERYWHERE)
+    parts, count = label(mask, TOUCHING)
     if not count:
         raise ScanError("air inside the head", "none", "give a CT of an open nose")
     sizes = np.bincount(parts.ravel())

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float
 
 from naris.anatomy.distance import SignedDistance
 from naris.core.anatomy import Passage
+from naris.render.keyframes import UP
 
 POSTERIOR = (0.0, 1.0, 0.0)
-UP = (0.0, 0.0, 1.0)
 _TANGENT_SD_MM = 8.0
 _SIGHT_SAMPLES = 12
 _PULL = 0.5
