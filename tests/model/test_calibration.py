@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import log_softmax as scipys_log_softmax
 
-from naris.model.calibration import Calibration, Scale, fit_temperature, fit_usual, log_softmax
+from naris.model.calibration import Calibration, Scale, fit_pool, fit_temperature, fit_usual, log_softmax
 
 
 def test_log_softmax_agrees_with_scipy() -> None:
@@ -21,6 +21,38 @@ def test_the_temperature_that_made_the_labels_is_found(temperature: float) -> No
     p = np.exp(log_softmax(logits.astype(np.float64) / temperature))
     labels = (p.cumsum(axis=1) < rng.random((len(p), 1))).sum(axis=1)
     assert fit_temperature(logits, labels) == pytest.approx(temperature, rel=0.05)
+
+
+def test_the_pool_that_made_the_labels_is_found() -> None:
+    rng = np.random.default_rng(0)
+    logits = (rng.normal(size=(40_000, 4)) * 3).astype(np.float32)
+    shares = rng.dirichlet(np.full(4, 0.5), size=len(logits)) * 0.99 + 0.0025
+    p = np.exp(log_softmax(logits / 2.0 + 0.6 * np.log(shares)))
+    labels = (p.cumsum(axis=1) < rng.random((len(p), 1))).sum(axis=1)
+    temperature, power = fit_pool(logits, shares, labels)
+    assert (temperature, power) == pytest.approx((2.0, 0.6), rel=0.05)
+    pooled = Calibration(temperature, len(labels), None, power)
+    rows = np.arange(len(labels))
+    gain = pooled.log_probabilities(logits, shares) - Calibration(fit_temperature(logits, labels)).log_probabilities(
+        logits
+    )
+    assert gain[rows, labels].mean() > 0.1
+
+
+def test_poses_that_know_nothing_do_not_count() -> None:
+    rng = np.random.default_rng(1)
+    logits = (rng.normal(size=(40_000, 4)) * 3).astype(np.float32)
+    labels = (np.exp(log_softmax(logits)).cumsum(axis=1) < rng.random((len(logits), 1))).sum(axis=1)
+    temperature, power = fit_pool(logits, rng.dirichlet(np.ones(4), size=len(logits)) * 0.99 + 0.0025, labels)
+    assert power < 0.02
+    assert temperature == pytest.approx(fit_temperature(logits, labels), rel=0.02)
+
+
+def test_without_shares_the_head_stands_alone() -> None:
+    logits = np.random.default_rng(2).normal(size=(5, 3)).astype(np.float32)
+    assert np.array_equal(
+        Calibration(1.3, 9, None, 0.7).log_probabilities(logits), Calibration(1.3).log_probabilities(logits)
+    )
 
 
 def test_distances_agree_with_the_definition_and_strangers_score_high() -> None:

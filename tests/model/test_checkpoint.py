@@ -13,12 +13,20 @@ import pytest
 import torch
 from safetensors.numpy import save_file
 
-from naris.core.anatomy import SlabRegions
+from naris.core.anatomy import GridRegions, SlabRegions
 from naris.core.camera import Brown, Intrinsics
 from naris.dataset.layout import RegionLabels
 from naris.errors import CheckpointError, RegionError
 from naris.model.calibration import Calibration, fit_usual
-from naris.model.checkpoint import Checkpoint, Subject, load_checkpoint, save_checkpoint
+from naris.model.checkpoint import (
+    SCHEMA,
+    Checkpoint,
+    Subject,
+    load_checkpoint,
+    read_tensors,
+    save_checkpoint,
+    write_tensors,
+)
 from naris.model.compact import Compact, CompactConfig
 from naris.model.localizer import build, config_json, name_of, open_localizer, weights_of
 from naris.model.two_layer import TwoLayerConfig
@@ -32,12 +40,12 @@ def _checkpoint(config: CompactConfig | TwoLayerConfig = TINY) -> Checkpoint:
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
     intrinsics = Intrinsics.from_vertical_fov(300, 300, 45.0, LENS)
-    subject = Subject(RegionLabels.of(SLABS), "mean nose", "0" * 64, "mean", intrinsics)
+    subject = Subject(RegionLabels.of(SLABS), "mean nose", "0" * 64, "mean", intrinsics, SLABS)
     width = 12 if isinstance(config, CompactConfig) else 84
     embedding = rng.normal(size=(40, width)).astype(np.float32)
     usual = fit_usual(embedding, np.arange(40) % 3, embedding + 1)
     network = build(config, 3)
-    calibration = Calibration(1.5, 40, usual)
+    calibration = Calibration(1.5, 40, usual, 0.4)
     return Checkpoint(name_of(config), config_json(config), subject, weights_of(network), calibration, {"seed": 3})
 
 
@@ -55,7 +63,8 @@ def test_everything_comes_back(tmp_path: Path, config: CompactConfig | TwoLayerC
     assert (after.network, after.training, after.version) == (before.network, before.training, before.version)
     assert after.weights.keys() == before.weights.keys()
     assert all(np.array_equal(after.weights[name], value) for name, value in before.weights.items())
-    assert after.calibration.temperature == 1.5
+    assert (after.calibration.temperature, after.calibration.power) == (1.5, 0.4)
+    assert after.subject.borders == SLABS
     assert np.array_equal(after.calibration.usual.whitening, before.calibration.usual.whitening)
     pictures = np.random.default_rng(1).integers(0, 256, (3, 20, 20, 3), dtype=np.uint8)
     for ours, theirs in zip(
@@ -63,6 +72,33 @@ def test_everything_comes_back(tmp_path: Path, config: CompactConfig | TwoLayerC
     ):
         assert np.array_equal(ours.log_probabilities, theirs.log_probabilities)
         assert abs(np.exp(ours.log_probabilities).sum() - 1) < 1e-9
+
+
+def test_borders_of_any_shape_come_back(tmp_path: Path) -> None:
+    labels = np.random.default_rng(0).integers(-1, 3, (4, 5, 6)).astype(np.int8)
+    grid = GridRegions("mine", ("a", "b", "c"), "mean", labels, np.array([0.1, -2.0, 3.3]), 0.7)
+    before = _checkpoint()
+    subject = replace(before.subject, regions=RegionLabels.of(grid), borders=grid)
+    save_checkpoint(tmp_path / "model.safetensors", replace(before, subject=subject))
+    after = load_checkpoint(tmp_path / "model.safetensors", regions=grid).subject.borders
+    points = np.random.default_rng(1).uniform(-5, 8, (500, 3))
+    assert isinstance(after, GridRegions)
+    assert np.array_equal(after.label(points), grid.label(points))
+
+
+def test_borders_of_other_regions_are_refused() -> None:
+    with pytest.raises(CheckpointError, match="borders of 'paper' in the frame 'mean'"):
+        replace(_checkpoint().subject, borders=replace(SLABS, borders_mm=(-30.0, 1.0)))
+
+
+def test_a_file_from_before_borders_were_kept_still_reads(tmp_path: Path) -> None:
+    path = _saved(tmp_path)
+    about, tensors = read_tensors(path, SCHEMA, "a model", "")
+    del about["borders"], about["calibration"]["power"]
+    write_tensors(path, SCHEMA, {k: v for k, v in about.items() if k not in ("schema", "sha256")}, tensors)
+    after = load_checkpoint(path)
+    assert after.subject.borders is None
+    assert after.calibration.power == 0
 
 
 def test_a_truncated_file_is_told_at_any_length(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from naris.model.localizer import Localizer, Outputs, open_localizer, weighed
 from naris.render.viewpoints import FREE
 
 SCHEMA = "naris.predictions/1"
-_MANNER = 2  # grows when the same model comes to say something else of the same pictures: what was kept is stale
+_MANNER = 3  # grows when the same model comes to say something else of the same pictures: what was kept is stale
 _log = logging.getLogger(__name__)
 _OPTIONAL = ("out_of_domain", "hypotheses", "weights", "covariance")
 
@@ -163,7 +163,7 @@ def _same_anatomy(subject: Subject, dataset: Dataset) -> bool:
 
 
 def _said(localizer: Localizer, outputs: Outputs, dataset: Dataset, identity: str) -> Said:
-    log_probabilities, strange = weighed(outputs, localizer.checkpoint.calibration)
+    log_probabilities, strange = weighed(outputs, localizer.checkpoint)
     frame = localizer.checkpoint.subject.frame
     settings = localizer.checkpoint.training.get("settings", {})
     return Said(

@@ -1,7 +1,12 @@
-"""How far a network's word may be trusted: an honest temperature, and what usual pictures look like to it.
+"""How far a network's word may be trusted: an honest temperature, its two answers in one, and what is usual to it.
 
 **Temperature** (C. Guo et al., "On calibration of modern neural networks", ICML 2017): one number that the logits are
 divided by, chosen so that on pictures kept apart the stated probabilities have the highest likelihood.
+
+**Pool** (logarithmic opinion pool: C. Genest, J. Zidek, "Combining probability distributions", Statistical Science
+1986): a network with a pose head has said twice where the camera is. What its poses say about the regions
+(`naris.model.standing`) is multiplied in, raised to a power that is fitted together with the temperature, on the same
+pictures: p ∝ softmax(logits / temperature) · share ^ power.
 
 **Usual pictures** (K. Lee et al., "A simple unified framework for detecting out-of-distribution samples", NeurIPS
 2018): the distance of a picture's embedding from the nearest region's mean, measured with the covariance that all
@@ -17,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
+from scipy.optimize import minimize
 
 from naris.errors import CheckpointError
 
@@ -82,15 +88,25 @@ class Calibration:
         temperature: that logits are divided by; 1 where nothing was kept apart to fit it.
         pictures: kept apart for the fit; 0 if there were none.
         usual: None if it was not fitted.
+        power: of the regions' shares by the poses; 0 where these do not count.
     """
 
     temperature: float = 1.0
     pictures: int = 0
     usual: Usual | None = None
+    power: float = 0.0
 
-    def log_probabilities(self, logits: Float32[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
-        """Natural logarithms of the stated probabilities."""
-        return log_softmax(logits.astype(np.float64) / self.temperature)
+    def log_probabilities(
+        self, logits: Float32[np.ndarray, "n k"], shares: Float[np.ndarray, "n k"] | None = None
+    ) -> Float[np.ndarray, "n k"]:
+        """Natural logarithms of the stated probabilities.
+
+        Args:
+            logits: of the region head.
+            shares: of the regions by the poses; None where they are not known, so that the head's word stands alone.
+        """
+        log_p = log_softmax(logits.astype(np.float64) / self.temperature)
+        return log_p if shares is None or self.power == 0 else log_softmax(log_p + self.power * np.log(shares))
 
     def arrays(self) -> dict[str, Float32[np.ndarray, "..."]]:
         """The part that is stored as tensors."""
@@ -103,7 +119,8 @@ class Calibration:
             scales["distance"] = [usual.distance.usual, usual.distance.rare]
             if usual.domain is not None:
                 scales["domain"] = [usual.domain.usual, usual.domain.rare]
-        return {"temperature": self.temperature, "pictures": self.pictures, "scales": scales}
+        found = {"temperature": self.temperature, "pictures": self.pictures, "scales": scales}
+        return found | ({"power": self.power} if self.power else {})
 
     @staticmethod
     def from_stored(content: Mapping[str, Any], arrays: Mapping[str, Float32[np.ndarray, "..."]]) -> Calibration:
@@ -117,7 +134,8 @@ class Calibration:
             usual = None
             if scales:
                 usual = Usual(arrays["mean"], arrays["whitening"], scales["distance"], scales.get("domain"))
-            return Calibration(float(content["temperature"]), int(content["pictures"]), usual)
+            power = float(content.get("power", 0.0))
+            return Calibration(float(content["temperature"]), int(content["pictures"]), usual, power)
         except (KeyError, TypeError, ValueError) as error:
             raise CheckpointError("a calibration in the checkpoint", f"{error!r}", "train the model again") from error
 
@@ -128,6 +146,24 @@ def fit_temperature(logits: Float32[np.ndarray, "n k"], regions: Int[np.ndarray,
     wide = logits.astype(np.float64)
     losses = [-log_softmax(wide / t)[rows, regions].mean() for t in _TEMPERATURES]
     return float(_TEMPERATURES[int(np.argmin(losses))])
+
+
+def fit_pool(
+    logits: Float32[np.ndarray, "n k"], shares: Float[np.ndarray, "n k"], regions: Int[np.ndarray, "n"]
+) -> tuple[float, float]:
+    """Temperature (0.2 to 10) and power (0 to 3) of highest likelihood; the likelihood has one summit only."""
+    rows = np.arange(len(regions))
+    said = np.stack([logits.astype(np.float64), np.log(shares)])
+    said -= said.max(axis=2, keepdims=True)
+
+    def loss(scale: Float[np.ndarray, "2"]) -> tuple[float, Float[np.ndarray, "2"]]:
+        log_p = log_softmax(np.tensordot(scale, said, axes=1))
+        expected = (said * np.exp(log_p)).sum(axis=2) - said[:, rows, regions]
+        return float(-log_p[rows, regions].mean()), expected.mean(axis=1)
+
+    coldest, hottest = 1 / _TEMPERATURES[0], 1 / _TEMPERATURES[-1]
+    found = minimize(loss, np.array([1.0, 0.0]), jac=True, bounds=[(hottest, coldest), (0.0, 3.0)])
+    return float(1 / found.x[0]), float(found.x[1])
 
 
 def fit_usual(

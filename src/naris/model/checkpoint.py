@@ -20,7 +20,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 import naris
-from naris.core.anatomy import Anatomy, RegionSet
+from naris.anatomy.regions import regions_from_json, regions_to_json
+from naris.core.anatomy import Anatomy, GridRegions, RegionSet, SlabRegions
 from naris.core.atomic import write_bytes
 from naris.core.camera import Intrinsics
 from naris.core.provenance import plain
@@ -44,6 +45,11 @@ class Subject:
         anatomy, anatomy_digest: what it knows its way in; the digest is None where unknown.
         frame: of the poses that it gives.
         intrinsics: of the pictures that it was trained on.
+        borders: the region set itself, which tells in which region a position lies; None where only its names are
+            known, or it is of a kind that has no JSON.
+
+    Raises:
+        CheckpointError: if the borders are not those of the regions.
     """
 
     regions: RegionLabels
@@ -51,14 +57,29 @@ class Subject:
     anatomy_digest: str | None
     frame: str
     intrinsics: Intrinsics
+    borders: RegionSet | None = None
+
+    def __post_init__(self) -> None:
+        borders = self.borders
+        if borders is not None and (RegionLabels.of(borders).digest, borders.frame) != (
+            self.regions.digest,
+            self.frame,
+        ):
+            raise CheckpointError(
+                f"the borders of {self.regions.name!r} in the frame {self.frame!r}",
+                f"others, of {borders.name!r} in {borders.frame!r}",
+                "train the model again",
+            )
 
     @staticmethod
     def of(anatomy: Anatomy, regions: RegionSet, intrinsics: Intrinsics) -> Subject:
-        return Subject(RegionLabels.of(regions), anatomy.name, anatomy.digest, anatomy.frame, intrinsics)
+        borders = regions if isinstance(regions, SlabRegions | GridRegions) else None
+        return Subject(RegionLabels.of(regions), anatomy.name, anatomy.digest, anatomy.frame, intrinsics, borders)
 
     def to_json(self) -> dict[str, Any]:
         return {
             "regions": self.regions.to_json(),
+            "borders": None if self.borders is None else regions_to_json(self.borders),
             "anatomy": {"name": self.anatomy, "digest": self.anatomy_digest, "frame": self.frame},
             "intrinsics": intrinsics_to_json(self.intrinsics),
         }
@@ -66,13 +87,14 @@ class Subject:
     @staticmethod
     def from_json(content: Mapping[str, Any]) -> Subject:
         """Raises KeyError, TypeError, ValueError or InputError where the content is not what `to_json` makes."""
-        anatomy = content["anatomy"]
+        anatomy, borders = content["anatomy"], content.get("borders")
         return Subject(
             RegionLabels.from_json(content["regions"]),
             str(anatomy["name"]),
             anatomy["digest"],
             str(anatomy["frame"]),
             intrinsics_from_json(content["intrinsics"]),
+            None if borders is None else regions_from_json(borders),
         )
 
 

@@ -21,10 +21,10 @@ from naris.core.provenance import plain
 from naris.core.results import Prediction
 from naris.errors import CheckpointError
 from naris.model import two_layer
-from naris.model.calibration import Calibration
-from naris.model.checkpoint import Checkpoint, Tensors, load_checkpoint
+from naris.model.checkpoint import Checkpoint, Subject, Tensors, load_checkpoint
 from naris.model.compact import COMPACT, Compact, CompactConfig
 from naris.model.losses import covariance_of
+from naris.model.standing import region_shares
 from naris.model.two_layer import TWO_LAYER, TwoLayer, TwoLayerConfig
 
 NetworkConfig = TwoLayerConfig | CompactConfig
@@ -165,7 +165,7 @@ def run(network: nn.Module, images: UInt8[np.ndarray, "n s s 3"]) -> Outputs:
 def predictions(outputs: Outputs, checkpoint: Checkpoint) -> list[Prediction]:
     """One prediction a picture."""
     regions, frame = checkpoint.subject.regions, checkpoint.subject.frame
-    log_probabilities, out_of_domain = weighed(outputs, checkpoint.calibration)
+    log_probabilities, out_of_domain = weighed(outputs, checkpoint)
     found = []
     for i, log_p in enumerate(log_probabilities):
         has_pose = outputs.poses is not None and outputs.weights is not None and outputs.covariance is not None
@@ -183,19 +183,19 @@ def predictions(outputs: Outputs, checkpoint: Checkpoint) -> list[Prediction]:
     return found
 
 
-def weighed(
-    outputs: Outputs, calibration: Calibration
-) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n"] | None]:
+def weighed(outputs: Outputs, checkpoint: Checkpoint) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n"] | None]:
     """Log-probabilities as they should be stated, and the out-of-domain scores if the network can judge.
 
     Where no usual pictures were kept apart to say what a score means, the word of the network's domain head stands as
     it is: the score is the probability that it gives to a stranger. A network without that head then judges nothing.
 
     A picture with score s is with probability 1 − s one that the network knows; if it is not, every region is
-    equally likely: p = (1 − s) · softmax(logits / temperature) + s / K. Here s is 0.99 at most, so that the order of
-    the regions, which is all that is left to go by, is not lost.
+    equally likely: p = (1 − s) · p_known + s / K, where p_known is what the calibration makes of the region head and of
+    the poses. Here s is 0.99 at most, so that the order of the regions, which is all that is left to go by, is not
+    lost.
     """
-    log_p = calibration.log_probabilities(outputs.logits)
+    calibration = checkpoint.calibration
+    log_p = calibration.log_probabilities(outputs.logits, shares(outputs, checkpoint.subject))
     if calibration.usual is not None:
         strange = calibration.usual.out_of_domain(outputs.embedding, outputs.domain_logit)
     elif outputs.domain_logit is not None:
@@ -207,6 +207,13 @@ def weighed(
         known = np.log1p(-share)[:, None] + log_p
         unknown = np.broadcast_to(np.log(share / log_p.shape[1])[:, None], log_p.shape)
     return np.logaddexp(known, unknown), strange
+
+
+def shares(outputs: Outputs, subject: Subject) -> Float[np.ndarray, "n k"] | None:
+    """What the poses say about the regions; None without poses, or where the borders are not known."""
+    if subject.borders is None or outputs.poses is None or outputs.weights is None or outputs.covariance is None:
+        return None
+    return region_shares(subject.borders, outputs.poses, outputs.weights, outputs.covariance)
 
 
 def squared(images: UInt8[np.ndarray, "n h w 3"]) -> UInt8[np.ndarray, "n s s 3"]:

@@ -1,4 +1,4 @@
-"""What is fitted to a network after it has learned: the temperature of its word and the look of usual pictures."""
+"""What is fitted to a network after it has learned: how much its words count, and the look of usual pictures."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int, UInt8
 
-from naris.model.calibration import Calibration, fit_temperature, fit_usual
+from naris.model.calibration import Calibration, Usual, fit_pool, fit_temperature, fit_usual
 from naris.model.checkpoint import Checkpoint
-from naris.model.localizer import Outputs, fitted, open_localizer, run
+from naris.model.localizer import Outputs, fitted, open_localizer, run, shares
 from naris.train.data import Examples, FixedLessons, Lessons, Stream, StreamLessons
 
 _KEPT_FROM = 2**40
@@ -33,7 +33,7 @@ def calibrated(checkpoint: Checkpoint, lessons: Lessons, kept: Examples | None) 
     seen = lessons.examples
     known, unseen = _said(checkpoint, seen.images), _said(checkpoint, kept.images)
     usual = fit_usual(known.embedding, seen.region, unseen.embedding, unseen.domain_logit)
-    return replace(checkpoint, calibration=Calibration(fit_temperature(unseen.logits, kept.region), len(kept), usual))
+    return _with_calibration(checkpoint, unseen, kept.region, usual)
 
 
 def fresh(stream: Stream, count: int, size: int = 64) -> tuple[UInt8[np.ndarray, "n h w 3"], Int[np.ndarray, "n"]]:
@@ -49,7 +49,16 @@ def _fitted_to(
     said = _said(checkpoint, images)
     odd = None if said.domain_logit is None else said.domain_logit[1::2]
     usual = fit_usual(said.embedding[::2], region[::2], said.embedding[1::2], odd)
-    return replace(checkpoint, calibration=Calibration(fit_temperature(said.logits, region), len(images), usual))
+    return _with_calibration(checkpoint, said, region, usual)
+
+
+def _with_calibration(checkpoint: Checkpoint, said: Outputs, region: Int[np.ndarray, "n"], usual: Usual) -> Checkpoint:
+    by_pose = shares(said, checkpoint.subject)
+    if by_pose is None:
+        temperature, power = fit_temperature(said.logits, region), 0.0
+    else:
+        temperature, power = fit_pool(said.logits, by_pose, region)
+    return replace(checkpoint, calibration=Calibration(temperature, len(region), usual, power))
 
 
 def _said(checkpoint: Checkpoint, images: UInt8[np.ndarray, "n h w 3"]) -> Outputs:
