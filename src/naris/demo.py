@@ -50,8 +50,7 @@ class DemoConfig:
 
     Attributes:
         train_positions, test_positions: of the fixed sets.
-        per_position: views at each of them. Those of one position are right or wrong together, so the demo, which has
-            time for few pictures, takes fewer than the publication at more places.
+        per_position: views at each of them; fewer than the publication's ten, at more places in exchange.
         epochs: of the two-layer network on the fixed training set.
         within_s: wall seconds for everything; the compact network, which learns from views at will, gets what the
             other stages leave, but not less than a minute.

@@ -40,7 +40,7 @@ from naris.fetch import MEAN_NOSE
 from naris.render.appearance import PAPER, TRAINING_APPEARANCE, UNSEEN_APPEARANCE
 from naris.render.material import TextureColours
 from naris.render.scene import Scene
-from naris.render.viewpoints import INSPECTION
+from naris.render.viewpoints import TRAVEL
 from naris.report.data import SINHA_2018, NetworkResult, ReportData
 from naris.train import COMPACT_AT_WILL as AT_WILL_TRAINING
 from naris.train import COMPACT_FEW, PUBLISHED
@@ -157,7 +157,7 @@ def _train(
     stream = view_stream(
         setting.scene,
         setting.regions,
-        INSPECTION,
+        TRAVEL,
         TRAINING_APPEARANCE,
         setting.intrinsics.resized(size_px, size_px),
         setting.seed,

@@ -53,7 +53,11 @@ Accept = Callable[[Viewpoints], Bool[np.ndarray, "n"]]
 
 @dataclass(frozen=True)
 class SplitSizes:
-    """How many positions and views; the defaults are the published ones: 1,270 training and 150 test images."""
+    """How many positions and views; the defaults are the published ones: 1,270 training and 150 test images.
+
+    Views of one position are right or wrong together, so that many positions with few views tell more than few with
+    many. At least three training positions a test position are wanted: the published test positions lie between two.
+    """
 
     train_positions: int = 127
     test_positions: int = 15
@@ -93,6 +97,10 @@ def make_splits(
     pass only a part is kept in a region, so that a region is seen on four passes or more. Positions from which there is
     nothing to see (`Steering.median_depth_mm`) are left out.
 
+    The views of `trajectory` are drawn first, as if there were no others, and those of the training keep away from
+    them. Drawn the other way round they would lie where the training happens to leave gaps, the more so the more
+    training positions there are.
+
     Args:
         anatomy: to steer through, along its passages.
         regions: whose shares are balanced.
@@ -104,18 +112,18 @@ def make_splits(
         scene: of the same anatomy, if there is one already.
 
     Raises:
-        RegionError: if no trajectory reaches a region, or there is no test view without neighbours in one.
+        RegionError: if no trajectory reaches a region, or the test views leave no room for training in one.
     """
     steering = steering or (PAPER_STEERING if anatomy.frame == "mean" else Steering())
     pilot = _Pilot.in_(scene or Scene(anatomy), regions, steering, sizes.per_position, jitter)
-    on_way = _collect(pilot, sizes.train_positions + sizes.test_positions, _everything, rng, _SHORTEST_RUN)
-    held_out = np.isin(on_way.position, _between(on_way, sizes.test_positions, rng))
-    train, published = on_way[~held_out], on_way[held_out]
+    own = _collect(pilot, sizes.test_positions, _everything, rng, 1)
 
     def no_neighbour(views: Viewpoints) -> Bool[np.ndarray, "n"]:
-        return ~neighbours(train.anatomy_T_camera, views.anatomy_T_camera)
+        return ~neighbours(own.anatomy_T_camera, views.anatomy_T_camera)
 
-    own = _collect(pilot, sizes.test_positions, no_neighbour, rng, 1)
+    on_way = _collect(pilot, sizes.train_positions + sizes.test_positions, no_neighbour, rng, _SHORTEST_RUN)
+    held_out = np.isin(on_way.position, _between(on_way, sizes.test_positions, rng))
+    train, published = on_way[~held_out], on_way[held_out]
     own = replace(
         own,
         trajectory=own.trajectory + on_way.trajectory.max() + 1,
