@@ -54,7 +54,7 @@ def demo_figures(data: ReportData, wall_s: float | None) -> tuple[Figure, ...]:
     figures = [accuracy]
     pictures = data.networks[0].pictures
     if pictures is not None:  # how much it could learn in its time: without it two runs cannot be compared
-        figures.append(Figure("demo.training_pictures", float(pictures), "1", 1, "higher"))
+        figures.append(Figure("demo.training_pictures", float(pictures), "pictures", 1, "higher"))
     if wall_s is not None:
         figures.append(Figure("demo.seconds", wall_s, "s", 1, "lower", DEMO_GOAL_S))
     if test.pose is not None:

@@ -77,7 +77,7 @@ def _told(result: BenchResult) -> str:
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     for figure in result.figures:
         for peer, value in figure.peers.items():
-            said = f"{value:.4g} {figure.unit}" if isinstance(value, float) else value
+            said = _number(value, figure.unit) if isinstance(value, float) else value
             lines.append(f"  {figure.name} by {peer}: {said}")
     if result.seconds.wall is not None and result.seconds.cpu is not None:
         lines.append(f"{result.seconds.wall:.1f} s wall, {result.seconds.cpu:.1f} s CPU")
@@ -85,8 +85,13 @@ def _told(result: BenchResult) -> str:
 
 
 def _row(figure: Figure) -> tuple[str, ...]:
-    value = "not measured" if figure.value is None else f"{figure.value:.4g} {figure.unit}"
+    value = "not measured" if figure.value is None else _number(figure.value, figure.unit)
     goal = "" if figure.goal is None else f"goal {'≥' if figure.better == 'higher' else '≤'} {figure.goal:g}"
     verdict = {True: "reached", False: "missed", None: ""}[figure.reached]
     interval = "" if figure.interval is None else f"[{figure.interval[0]:.4g}, {figure.interval[1]:.4g}]"
     return figure.name, value, interval, goal, verdict, f"n = {figure.n}"
+
+
+def _number(value: float, unit: str) -> str:
+    digits = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    return digits if unit == "1" else f"{digits} {unit}"
