@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from naris.anatomy.builtin.extract import only_lumen, surface
+from naris.anatomy.level_set import only_lumen, surface
 from naris.anatomy.builtin.implicit import (
     Grid,
     bump,
@@ -92,7 +92,7 @@ def test_a_ball_comes_out_closed_outwards_and_alone() -> None:
     stray = 0.8 - np.sqrt((x - 5.2) ** 2 + (y - 5.2) ** 2 + (z - 5.2) ** 2)
     island = np.sqrt(x**2 + y**2 + z**2) - 1
     field = only_lumen(np.minimum(np.maximum(ball, stray), island).astype(np.float32))
-    vertices, faces = surface(field, g)
+    vertices, faces = surface(field, g.origin_mm, g.spacing_mm)
     radius = np.linalg.norm(vertices, axis=1)
     assert np.abs(radius - 4).max() < 0.05
     a, b, c = (vertices[faces[:, i]] for i in range(3))

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float, Int32
 from scipy import ndimage
 
-from naris.anatomy.builtin.extract import only_lumen, softened, surface, taubin
 from naris.anatomy.builtin.field import grid_for, lumen_field
 from naris.anatomy.builtin.implicit import Grid
 from naris.anatomy.builtin.landmarks import landmarks_mm
@@ -17,6 +16,7 @@ from naris.anatomy.builtin.parameters import NoseParameters
 from naris.anatomy.builtin.regions import anatomical_regions
 from naris.anatomy.builtin.routes import routes
 from naris.anatomy.distance import signed_distance
+from naris.anatomy.level_set import only_lumen, softened, surface, taubin
 from naris.anatomy.passages import find_passages
 from naris.anatomy.regions import paper_slabs
 from naris.core.anatomy import Anatomy, Passage
@@ -60,7 +60,7 @@ def shape_of(parameters: NoseParameters, resolution_mm: float = RESOLUTION_MM) -
     at = layout_of(parameters)
     grid = grid_for(parameters, at, resolution_mm)
     lumen = only_lumen(softened(lumen_field(parameters, at, grid), resolution_mm))
-    vertices, faces = surface(lumen, grid)
+    vertices, faces = surface(lumen, grid.origin_mm, grid.spacing_mm)
     return Shape(taubin(vertices, faces, _SMOOTHING_STEPS, _PASS_BAND), faces, lumen, grid, at)
 
 

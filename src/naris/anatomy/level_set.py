@@ -1,4 +1,4 @@
-"""From the field of the lumen to one closed surface."""
+"""From a field that is positive in the lumen to one closed surface."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int32
 from scipy import ndimage
 
-from naris.anatomy.builtin.implicit import Field, Grid
 from naris.errors import InputError
 
+Field = Float[np.ndarray, "nx ny nz"]
 _REACH_MM = 1.5
 _SIGMA_MM = 0.5
 
@@ -38,18 +38,20 @@ def only_lumen(field: Field) -> Field:
 def _all_but_largest(mask: Bool[np.ndarray, "nx ny nz"]) -> Bool[np.ndarray, "nx ny nz"]:
     labels, count = ndimage.label(mask)
     if count == 0:
-        raise InputError("parameters that leave a lumen", "a nose without air", "widen the passages")
+        raise InputError("a lumen", "no air at all", "widen the passages")
     sizes = np.bincount(labels.ravel())
     sizes[0] = 0
     return mask & (labels != sizes.argmax())
 
 
-def surface(field: Field, grid: Grid) -> tuple[Float[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
+def surface(
+    field: Field, origin_mm: Float[np.ndarray, "3"], spacing_mm: float
+) -> tuple[Float[np.ndarray, "v 3"], Int32[np.ndarray, "f 3"]]:
     """Vertices in mm and faces, wound counter-clockwise seen from the tissue (marching cubes; Lewiner et al. 2003)."""
     from skimage.measure import marching_cubes
 
-    vertices, faces, _, _ = marching_cubes(field, 0.0, spacing=(grid.spacing_mm,) * 3, gradient_direction="descent")
-    vertices = vertices.astype(np.float64) + grid.origin_mm
+    vertices, faces, _, _ = marching_cubes(field, 0.0, spacing=(spacing_mm,) * 3, gradient_direction="descent")
+    vertices = vertices.astype(np.float64) + origin_mm
     if _signed_volume(vertices, faces) < 0:
         faces = faces[:, ::-1]
     return vertices, np.ascontiguousarray(faces, dtype=np.int32)
