@@ -20,6 +20,7 @@ from naris.dataset.read import Dataset
 from naris.errors import DatasetError, RegionError
 from naris.evaluate import Said, export, read_said, score, summary
 from naris.evaluate.score import bootstrap
+from naris.model.calibration import Calibration
 from naris.model.checkpoint import Checkpoint, Subject
 from naris.model.compact import CompactConfig
 from naris.model.localizer import build, config_json, open_localizer, weights_of
@@ -175,9 +176,10 @@ def _dataset(folder: Path, labels: RegionLabels = LABELS) -> Dataset:
 def _checkpoint(seed: int) -> Checkpoint:
     config = CompactConfig(input_px=16, channels=(8, 16), blocks=(1, 1), reduced=4, embedding=12, hypotheses=2)
     torch.manual_seed(seed)
-    subject = Subject(LABELS, "mean nose", None, "mean", Intrinsics.from_vertical_fov(16, 16, 45.0))
+    subject = Subject(LABELS, "mean nose", None, "mean", Intrinsics.from_vertical_fov(16, 16, 45.0), SLABS)
     training = {"settings": {"seed": 5}}
-    return Checkpoint("compact", config_json(config), subject, weights_of(build(config, 4)), training=training)
+    weights = weights_of(build(config, 4))
+    return Checkpoint("compact", config_json(config), subject, weights, Calibration(1.5, 9, None, 0.7), training)
 
 
 def test_export_is_what_the_localizer_says_and_is_read_the_second_time(tmp_path: Path) -> None:
@@ -197,7 +199,7 @@ def test_export_is_what_the_localizer_says_and_is_read_the_second_time(tmp_path:
 
 def test_poses_are_compared_in_one_frame_and_one_anatomy_only(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     dataset, model = _dataset(tmp_path / "set"), _checkpoint(0)
-    elsewhere = replace(model, subject=replace(model.subject, frame="patient"))
+    elsewhere = replace(model, subject=replace(model.subject, frame="patient", borders=None))
     with pytest.raises(DatasetError, match="in the frame 'patient' of the model, got poses in the frame 'mean'"):
         export(elsewhere, dataset, tmp_path / "said.npz")
     known = replace(model, subject=replace(model.subject, anatomy_digest="a" * 64))
@@ -210,6 +212,8 @@ def test_poses_are_compared_in_one_frame_and_one_anatomy_only(tmp_path: Path, ca
     assert "another anatomy" in caplog.text
     assert score(said).pose is None
     assert np.array_equal(said.log_probabilities, export(known, same).log_probabilities)
+    head_alone = replace(known, calibration=replace(known.calibration, power=0.0))
+    assert not np.allclose(said.log_probabilities, export(head_alone, same).log_probabilities, atol=1e-3)
     assert score(export(known, other, tmp_path / "said.npz")).pose is None
 
 

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
+from scipy.special import softmax
 
 from naris.core.anatomy import Anatomy, SlabRegions
 from naris.core.camera import Intrinsics
@@ -29,6 +30,7 @@ from naris.locate import views_of
 from naris.model.checkpoint import Subject, load_checkpoint
 from naris.model.compact import CompactConfig
 from naris.model.localizer import fitted, open_localizer
+from naris.model.standing import region_shares
 from naris.model.two_layer import TwoLayerConfig
 from naris.train import COMPACT_AT_WILL, COMPACT_FEW, PUBLISHED, Examples, Replay, TrainConfig, train, train_runs
 from naris.train.augment import FEW_PICTURES, Augmentation, augment
@@ -155,6 +157,28 @@ def test_a_stream_goes_on_with_the_same_weights(tmp_path: Path) -> None:
         train(_BarStream(), config, tmp_path / "parts", progress=_Stop(5))
     parts = train(_BarStream(), config, tmp_path / "parts")
     assert _same_weights(whole.checkpoint, parts.checkpoint)
+
+
+def test_what_the_poses_say_counts_in_what_a_model_says_of_regions(tmp_path: Path) -> None:
+    """Against the pool made by hand from the parts."""
+    config = COMPACT_AT_WILL.lasting(steps=60).with_(
+        network=TINY, batch=16, precision="float32", threads=1, replay=Replay(2, 3)
+    )
+    checkpoint = load_checkpoint(train(_BarStream(), config, tmp_path).checkpoint)
+    calibration = checkpoint.calibration
+    assert checkpoint.subject.borders == SLABS
+    assert calibration.power > 0
+    localizer, images = open_localizer(checkpoint), _BarStream().batch(7, 12).images
+    said = localizer.outputs(images)
+    shares = region_shares(SLABS, said.poses, said.weights, said.covariance)
+    p = softmax(said.logits.astype(np.float64) / calibration.temperature, axis=1) * shares**calibration.power
+    p /= p.sum(axis=1, keepdims=True)
+    strange = np.minimum(calibration.usual.out_of_domain(said.embedding, said.domain_logit), 0.99)[:, None]
+    expected = (1 - strange) * p + strange / p.shape[1]
+    assert np.allclose([one.probabilities for one in localizer.predict(images)], expected, atol=1e-9)
+    told = checkpoint.training
+    assert told["start"] is None
+    assert told["data"]["kind"] == "views at will"
 
 
 def test_a_second_call_does_nothing_and_tells_the_same(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from naris.demo import DemoConfig
 from tests.winding_tube import SLABS
 
 NOSE = cache(built_in_nose)
-TINY = DemoConfig(train_positions=12, test_positions=4, epochs=1, budget_s=1.0, located=4)
+TINY = DemoConfig(train_positions=12, test_positions=4, per_position=2, epochs=1, budget_s=1.0, located=2)
 
 
 def test_a_folder_of_somebody_else_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -51,7 +51,9 @@ def test_a_demo_ends_with_its_files_and_a_second_tells_the_same(
 ) -> None:
     monkeypatch.setattr(naris.demo, "built_in_nose", NOSE)
     whole = naris.demo.demo
-    small = {"train_positions": TINY.train_positions, "test_positions": TINY.test_positions, "epochs": 1, "located": 4}
+    small = {
+        name: getattr(TINY, name) for name in ("train_positions", "test_positions", "per_position", "epochs", "located")
+    }
     monkeypatch.setattr(naris.demo, "demo", lambda out, config, **named: whole(out, replace(config, **small), **named))
     words = ["demo", "-o", str(tmp_path / "out"), "--budget-s", "1", "--json", "--quiet"]
     told = []

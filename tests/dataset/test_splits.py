@@ -101,6 +101,16 @@ def test_the_same_seed_gives_the_same_splits(splits) -> None:
     assert not np.array_equal(other.train.anatomy_T_camera.matrix, splits.train.anatomy_T_camera.matrix)
 
 
+def test_no_trajectory_test_pass_gives_two_positions_of_a_region(splits) -> None:
+    """Positions in a row are near-copies: twenty of them from four passes would tell as little as four."""
+    many = make_splits(winding_tube(), SLABS, np.random.default_rng(0), replace(SIZES, test_positions=20))
+    for views in (splits.trajectory, many.trajectory):
+        first = np.unique(views.position, return_index=True)[1]
+        pairs_seen = list(zip(views.trajectory[first].tolist(), views.region[first].tolist(), strict=True))
+        assert len(set(pairs_seen)) == len(pairs_seen)
+    assert len(set(many.trajectory.trajectory.tolist())) >= 5
+
+
 def test_trajectory_test_views_do_not_depend_on_how_much_is_trained(splits) -> None:
     """So they lie where a camera goes, not where the training leaves gaps."""
     little = make_splits(winding_tube(), SLABS, np.random.default_rng(0), replace(SIZES, train_positions=40))

@@ -30,6 +30,7 @@ from naris.model.checkpoint import (
 from naris.model.compact import Compact, CompactConfig
 from naris.model.localizer import build, config_json, name_of, open_localizer, weights_of
 from naris.model.two_layer import TwoLayerConfig
+from tests.anatomy.shapes import box
 
 SLABS = SlabRegions("paper", ("a", "b", "c"), "mean", 1, (-30.0, 0.0))
 TINY = CompactConfig(input_px=16, channels=(8, 16), blocks=(1, 1), reduced=4, embedding=12, hypotheses=2)
@@ -84,6 +85,23 @@ def test_borders_of_any_shape_come_back(tmp_path: Path) -> None:
     points = np.random.default_rng(1).uniform(-5, 8, (500, 3))
     assert isinstance(after, GridRegions)
     assert np.array_equal(after.label(points), grid.label(points))
+
+
+class _TiltedSlabs(SlabRegions):
+    """Regions of somebody's own, which no file of ours can hold."""
+
+
+@pytest.mark.parametrize("kind", ["int16 labels", "a class of one's own"])
+def test_borders_that_would_not_come_back_are_left_out(tmp_path: Path, kind: str) -> None:
+    labels = np.zeros((5, 5, 5), dtype=np.int16)
+    grid = GridRegions("paper", ("a", "b", "c"), "LPS", labels, np.zeros(3), 1.0)
+    tilted = _TiltedSlabs("paper", ("a", "b", "c"), "LPS", 1, (-30.0, 0.0))
+    before = _checkpoint()
+    subject = Subject.of(box(), grid if kind == "int16 labels" else tilted, before.subject.intrinsics)
+    save_checkpoint(tmp_path / "model.safetensors", replace(before, subject=subject))
+    assert load_checkpoint(tmp_path / "model.safetensors").subject.borders is None
+    known = Subject.of(box(), replace(SLABS, frame="LPS"), before.subject.intrinsics)
+    assert known.borders is not None
 
 
 def test_borders_of_other_regions_are_refused() -> None:

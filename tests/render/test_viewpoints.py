@@ -208,7 +208,7 @@ def test_tangents_are_those_of_the_curve() -> None:
 
 
 def test_travelling_takes_every_stretch_of_the_way_equally_often(scene, distance) -> None:
-    """In a tube with a wide end the even distribution does not crowd into it."""
+    """Along a winding tube of one width: none is left out and none crowded, whatever the bends do to the grid."""
     one = SlabRegions("one", ("all",), "LPS", 1, ())
     views = draw_views(scene, bank_of(distance, TRAVEL, one), 3000, np.random.default_rng(2))
     line = winding_tube().passages[0].points_mm

@@ -131,8 +131,8 @@ def _one_line(box: str) -> str:
     framed = box.splitlines()[1:]
     rows = [_FRAME.sub("", row) for row in framed]
     end = rows.index("") if "" in rows else len(rows)
-    if rows and rows[0].startswith("Missing from"):
-        return f"expected {_missing(framed[1:end])}, got none"
+    if rows and rows[0].startswith("Missing from") and (missing := _missing(framed[1:end])):
+        return f"expected {missing}, got none"
     said = " ".join(rows[:end])
     if unfit := _UNFIT.match(said):
         return f"expected {unfit['option']} {_KINDS.get(unfit['kind'], unfit['kind'])}, got {unfit['given']}"

@@ -56,7 +56,7 @@ class SplitSizes:
     """How many positions and views; the defaults are the published ones: 1,270 training and 150 test images.
 
     Views of one position are right or wrong together, so that many positions with few views tell more than few with
-    many. At least three training positions a test position are wanted: the published test positions lie between two.
+    many. The published test positions lie between two of the training: it takes about two for each of them.
     """
 
     train_positions: int = 127
@@ -97,9 +97,9 @@ def make_splits(
     pass only a part is kept in a region, so that a region is seen on four passes or more. Positions from which there is
     nothing to see (`Steering.median_depth_mm`) are left out.
 
-    The views of `trajectory` are drawn first, as if there were no others, and those of the training keep away from
-    them. Drawn the other way round they would lie where the training happens to leave gaps, the more so the more
-    training positions there are.
+    The views of `trajectory` are drawn first, as if there were no others, one position a region from every pass, and
+    those of the training keep away from them. Drawn the other way round they would lie where the training happens to
+    leave gaps, the more so the more training positions there are.
 
     Args:
         anatomy: to steer through, along its passages.
@@ -116,7 +116,7 @@ def make_splits(
     """
     steering = steering or (PAPER_STEERING if anatomy.frame == "mean" else Steering())
     pilot = _Pilot.in_(scene or Scene(anatomy), regions, steering, sizes.per_position, jitter)
-    own = _collect(pilot, sizes.test_positions, _everything, rng, 1)
+    own = _collect(pilot, sizes.test_positions, _everything, rng, longest=1)
 
     def no_neighbour(views: Viewpoints) -> Bool[np.ndarray, "n"]:
         return ~neighbours(own.anatomy_T_camera, views.anatomy_T_camera)
@@ -204,12 +204,19 @@ class _Pilot:
         return views[worth[views.position]]
 
 
-def _collect(pilot: _Pilot, total: int, accept: Accept, rng: np.random.Generator, shortest: int) -> Viewpoints:
-    """`total` positions of acceptable views, about equally many in each region, from as many passes as it takes."""
+def _collect(
+    pilot: _Pilot, total: int, accept: Accept, rng: np.random.Generator, shortest: int = 1, longest: int | None = None
+) -> Viewpoints:
+    """`total` positions of acceptable views, about equally many in each region, from as many passes as it takes.
+
+    Of a pass, runs of `shortest` to `longest` positions are taken in each region; without a limit, as many as it takes
+    to be done after four passes.
+    """
     k = len(pilot.regions.names)
     left = np.full(k, total // k)
     left[rng.permutation(k)[: total % k]] += 1
-    longest = np.maximum(shortest, -(-left // _PASSES_PER_REGION))
+    by_passes = -(-left // _PASSES_PER_REGION)
+    limit = np.maximum(shortest, by_passes if longest is None else np.minimum(by_passes, longest))
     passes, found = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
     uses = np.zeros(len(pilot.courses), dtype=np.int64)
     runs: list[Viewpoints] = []
@@ -224,7 +231,7 @@ def _collect(pilot: _Pilot, total: int, accept: Accept, rng: np.random.Generator
         views = pilot.steer(course, rng)
         usable = accept(views)
         for other in np.flatnonzero(left).tolist():
-            most = int(min(longest[other], left[other]))
+            most = int(min(limit[other], left[other]))
             run = _run(views, usable & (views.region == other), most, min(shortest, most), rng)
             chosen = views[np.isin(views.position, run)]
             runs.append(replace(chosen, trajectory=np.full(len(chosen), passes.sum())))

@@ -178,7 +178,7 @@ class SeveralStreams:
     """Streams over several anatomies as one: each batch is of one of them, in turn.
 
     Attributes:
-        parts: the streams, with the same region set (by name) and the same intrinsics.
+        parts: the streams, with regions of the same names and the same intrinsics.
 
     Raises:
         InputError: if there are none, or their region sets or cameras differ.

@@ -25,7 +25,7 @@ from naris.model.localizer import Localizer, Outputs, open_localizer, weighed
 from naris.render.viewpoints import FREE
 
 SCHEMA = "naris.predictions/1"
-_MANNER = 3  # grows when the same model comes to say something else of the same pictures: what was kept is stale
+_MANNER = 4  # grows when the same model comes to say something else of the same pictures: what was kept is stale
 _log = logging.getLogger(__name__)
 _OPTIONAL = ("out_of_domain", "hypotheses", "weights", "covariance")
 
@@ -99,10 +99,9 @@ def export(
     identity = digest([_MANNER, has_poses, *truth, _weights_digest(localizer.checkpoint)])
     if out is not None and out.is_file() and (known := read_said(out)).identity == identity:
         return known
-    outputs = localizer.outputs(images, threads)
+    said = _said(localizer, localizer.outputs(images, threads), dataset, identity)
     if not has_poses:
-        outputs = replace(outputs, poses=None, weights=None, covariance=None)
-    said = _said(localizer, outputs, dataset, identity)
+        said = replace(said, hypotheses=None, weights=None, covariance=None)
     if out is not None:
         _write(out, said)
     return said

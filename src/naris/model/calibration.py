@@ -151,7 +151,10 @@ def fit_temperature(logits: Float32[np.ndarray, "n k"], regions: Int[np.ndarray,
 def fit_pool(
     logits: Float32[np.ndarray, "n k"], shares: Float[np.ndarray, "n k"], regions: Int[np.ndarray, "n"]
 ) -> tuple[float, float]:
-    """Temperature (0.2 to 10) and power (0 to 3) of highest likelihood; the likelihood has one summit only."""
+    """Temperature (0.2 to 10) and power (0 to 3) of highest likelihood; the likelihood has one summit only.
+
+    If that is not found, the temperature of the head alone.
+    """
     rows = np.arange(len(regions))
     said = np.stack([logits.astype(np.float64), np.log(shares)])
     said -= said.max(axis=2, keepdims=True)
@@ -163,6 +166,8 @@ def fit_pool(
 
     coldest, hottest = 1 / _TEMPERATURES[0], 1 / _TEMPERATURES[-1]
     found = minimize(loss, np.array([1.0, 0.0]), jac=True, bounds=[(hottest, coldest), (0.0, 3.0)])
+    if not found.success:
+        return fit_temperature(logits, regions), 0.0
     return float(1 / found.x[0]), float(found.x[1])
 
 

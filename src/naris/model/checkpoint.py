@@ -46,7 +46,7 @@ class Subject:
         frame: of the poses that it gives.
         intrinsics: of the pictures that it was trained on.
         borders: the region set itself, which tells in which region a position lies; None where only its names are
-            known, or it is of a kind that has no JSON.
+            known, or where it would not come back from a file as it is (a kind of one's own).
 
     Raises:
         CheckpointError: if the borders are not those of the regions.
@@ -73,8 +73,9 @@ class Subject:
 
     @staticmethod
     def of(anatomy: Anatomy, regions: RegionSet, intrinsics: Intrinsics) -> Subject:
-        borders = regions if isinstance(regions, SlabRegions | GridRegions) else None
-        return Subject(RegionLabels.of(regions), anatomy.name, anatomy.digest, anatomy.frame, intrinsics, borders)
+        labels = RegionLabels.of(regions)
+        borders = regions if _comes_back(regions, labels) else None
+        return Subject(labels, anatomy.name, anatomy.digest, anatomy.frame, intrinsics, borders)
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -83,6 +84,10 @@ class Subject:
             "anatomy": {"name": self.anatomy, "digest": self.anatomy_digest, "frame": self.frame},
             "intrinsics": intrinsics_to_json(self.intrinsics),
         }
+
+    def identity(self) -> dict[str, Any]:
+        """What tells one subject from another: borders are known by the digest of their region set."""
+        return {name: value for name, value in self.to_json().items() if name != "borders"}
 
     @staticmethod
     def from_json(content: Mapping[str, Any]) -> Subject:
@@ -119,6 +124,16 @@ class Checkpoint:
     calibration: Calibration = Calibration()
     training: dict[str, Any] = field(default_factory=dict)
     version: str = naris.__version__
+
+
+def _comes_back(regions: RegionSet, labels: RegionLabels) -> bool:
+    """Whether a region set is the same after it was written and read."""
+    if type(regions) not in (SlabRegions, GridRegions):
+        return False
+    try:
+        return RegionLabels.of(regions_from_json(regions_to_json(regions))).digest == labels.digest
+    except RegionError:
+        return False
 
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:

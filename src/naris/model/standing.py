@@ -28,7 +28,7 @@ def region_shares(
 ) -> Float[np.ndarray, "n k"]:
     """The share of each region in the mixture of the hypotheses' positions.
 
-    Positions in no region are left out: a camera cannot stand there. No share is below 0.001, because a normal
+    Positions in no region are left out: a camera cannot stand there. 0.001 is added to every share, because a normal
     distribution is thinner in its tails than the errors of a network are.
 
     Args:
@@ -45,15 +45,12 @@ def region_shares(
     share = np.zeros((count, len(regions.names)))
     for k in range(len(regions.names)):
         share[:, k] = ((label == k).mean(axis=2) * weights).sum(axis=1)
-    inside = share.sum(axis=1, keepdims=True)
-    share = np.divide(share, inside, out=np.full_like(share, 1 / share.shape[1]), where=inside > 0)
-    share = np.maximum(share, _FLOOR)
+    share += _FLOOR  # before they are made to sum to one: a hypothesis that hardly touches the lumen tells little
     return share / share.sum(axis=1, keepdims=True)
 
 
 @cache
 def _normal_points() -> Float[np.ndarray, "s 3"]:
-    """Points spread like a standard normal distribution: Sobol's sequence, always the same."""
-    uniform = qmc.Sobol(3, rng=0).random(_DRAWN)
-    points: Float[np.ndarray, "s 3"] = ndtri(np.clip(uniform, 1e-9, 1 - 1e-9))
-    return points
+    """Points spread like a standard normal distribution: Sobol's sequence, not scrambled and so always the same."""
+    uniform = qmc.Sobol(3, scramble=False).random(_DRAWN) + 0.5 / _DRAWN
+    return np.asarray(ndtri(uniform), dtype=np.float64)

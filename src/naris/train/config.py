@@ -185,7 +185,7 @@ COMPACT_DEMO = COMPACT_AT_WILL.lasting(budget_s=140.0).with_(
     average=0.995,
     replay=Replay(times=8, memory=96),
 )
-"""The same in little more than two minutes, from weights that know other noses (`naris.experiment.start_weights`).
+"""The same in three to four minutes, from weights that know other noses (`naris.experiment.start_weights`).
 
 Smaller pictures that are shown more often leave time for many more steps, which is what so short a training lacks;
 lower rates keep what the weights know.

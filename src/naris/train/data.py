@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float, Int, UInt8
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
-from naris.core.provenance import digest
+from naris.core.provenance import digest, plain
 from naris.dataset.read import Dataset
-from naris.dataset.stream import Batch
+from naris.dataset.stream import Batch, SeveralStreams
 from naris.errors import DatasetError
 from naris.model.checkpoint import Subject
 from naris.model.localizer import fitted, input_px, squared
@@ -128,6 +128,11 @@ class Lessons(Protocol):
     """Tells these data from others."""
 
     @property
+    def told(self) -> dict[str, object]:
+        """What a model remembers of them."""
+        ...
+
+    @property
     def per_epoch(self) -> int:
         """Lessons in a pass through the data, or those that are reported together."""
         ...
@@ -164,8 +169,12 @@ class FixedLessons:
         self._images = images
         self._fov_deg = np.full(config.batch + 1, intrinsics.vertical_fov_deg)
         self.identity = digest(
-            [examples.subject.to_json(), examples.images, examples.region, examples.anatomy_T_camera.matrix]
+            [examples.subject.identity(), examples.images, examples.region, examples.anatomy_T_camera.matrix]
         )
+
+    @property
+    def told(self) -> dict[str, object]:
+        return {"kind": "data set", "pictures": len(self.examples)}
 
     @property
     def per_epoch(self) -> int:
@@ -191,10 +200,17 @@ class StreamLessons:
 
     def __init__(self, stream: Stream, config: TrainConfig) -> None:
         self.stream, self.config = stream, config
-        self.subject = Subject.of(stream.anatomy, stream.regions, stream.intrinsics.squared())
+        self.subject = _subject_of(stream)
         self._replay = config.replay or Replay(times=1, memory=1)
         self._known: dict[int, Batch] = {}
-        self.identity = digest([self.subject.to_json(), stream_description(stream)])
+        self.identity = digest([self.subject.identity(), stream_description(stream)])
+
+    @property
+    def told(self) -> dict[str, object]:
+        stream = self.stream
+        parts = stream.parts if isinstance(stream, SeveralStreams) else (stream,)
+        views = [getattr(getattr(part, "bank", None), "distribution", None) for part in parts]
+        return {"kind": "views at will", "anatomies": len(parts), "views": plain(views[0])}
 
     @property
     def per_epoch(self) -> int:
@@ -238,6 +254,15 @@ class StreamLessons:
         return self._known[index]
 
 
+def _subject_of(stream: Stream) -> Subject:
+    """Of one anatomy; of several no anatomy in particular, and no borders where these differ from one to the next."""
+    subject = Subject.of(stream.anatomy, stream.regions, stream.intrinsics.squared())
+    if not isinstance(stream, SeveralStreams):
+        return subject
+    borders = subject.borders if len({digest(part.regions) for part in stream.parts}) == 1 else None
+    return replace(subject, anatomy_digest=None, borders=borders)
+
+
 def lessons_of(data: Examples | Stream, config: TrainConfig) -> Lessons:
     """The lessons of a fixed set or a stream."""
     return FixedLessons(data, config) if isinstance(data, Examples) else StreamLessons(data, config)
@@ -279,7 +304,10 @@ def stream_description(stream: Stream) -> dict[str, object]:
     settings = {name: getattr(stream, name) for name in names if hasattr(stream, name)}
     parts = getattr(stream, "parts", None)
     if parts is not None:
-        several = [{"anatomy": part.anatomy.digest, **stream_description(part)} for part in parts]
+        several = [
+            {"anatomy": part.anatomy.digest, "regions": digest(part.regions), **stream_description(part)}
+            for part in parts
+        ]
         return {"kind": type(stream).__name__, "parts": several}
     views = getattr(getattr(stream, "bank", None), "distribution", None)
     avoid: Pose | None = getattr(stream, "avoid", None)

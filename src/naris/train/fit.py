@@ -36,8 +36,8 @@ def calibrated(checkpoint: Checkpoint, lessons: Lessons, kept: Examples | None) 
     return _with_calibration(checkpoint, unseen, kept.region, usual)
 
 
-def fresh(stream: Stream, count: int, size: int = 64) -> tuple[UInt8[np.ndarray, "n h w 3"], Int[np.ndarray, "n"]]:
-    """Views of a stream that no training sees."""
+def fresh(stream: Stream, count: int, size: int = 16) -> tuple[UInt8[np.ndarray, "n h w 3"], Int[np.ndarray, "n"]]:
+    """Views of a stream that no training sees, in small batches, as each is of one anatomy."""
     batches = [stream.batch(_KEPT_FROM + i, size) for i in range(-(-count // size))]
     return np.concatenate([b.images for b in batches]), np.concatenate([b.region for b in batches])
 

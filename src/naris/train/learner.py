@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -12,7 +13,7 @@ from jaxtyping import Float, Shaped
 from torch import Tensor, nn
 from torch.nn import functional
 
-from naris.core.provenance import plain
+from naris.core.provenance import digest, plain
 from naris.errors import CheckpointError
 from naris.model import two_layer
 from naris.model.checkpoint import Checkpoint, Subject, Tensors
@@ -26,6 +27,7 @@ from naris.train.optimiser import Optimiser
 PARTS = Losses._fields
 """The parts of the loss that are recorded: total, region, pose, covariance, choice, domain."""
 
+_log = logging.getLogger(__name__)
 _WARM = 1 / 6
 _FIRST, _LAST = 0.1, 0.002  # learning rate at the start and the end of a cycle, as shares of the highest
 _NETWORK, _AVERAGE, _OPTIMISER = "network.", "average.", "optimiser."
@@ -159,6 +161,9 @@ class Learner:
 def check_start(start: Checkpoint, config: TrainConfig, subject: Subject) -> None:
     """See that a training of `config` on `subject` can begin with these weights.
 
+    The anatomy may be another, and so may the borders of its regions: that is told in a notice, as regions of the same
+    names may lie elsewhere.
+
     Raises:
         CheckpointError: if not.
     """
@@ -171,6 +176,13 @@ def check_start(start: Checkpoint, config: TrainConfig, subject: Subject) -> Non
                 f"{plain(other)}",
                 "start from another model or from none",
             )
+    if start.subject.regions.digest != subject.regions.digest:
+        _log.warning("the model to start from knows regions of the same names with other borders")
+
+
+def start_told(start: Checkpoint) -> dict[str, Any]:
+    """What a model remembers of the one that it began as."""
+    return {"anatomy": start.subject.anatomy, "weights": digest(start.weights), "training": start.training}
 
 
 def _numbers(network: nn.Module) -> list[Tensor]:

@@ -31,7 +31,7 @@ from naris.model.localizer import limited
 from naris.train.config import TrainConfig
 from naris.train.data import Examples, Lessons, Stream, lessons_from, lessons_of, split_off
 from naris.train.fit import calibrated
-from naris.train.learner import PARTS, Learner, check_start, resolved_precision
+from naris.train.learner import PARTS, Learner, check_start, resolved_precision, start_told
 
 MODEL, RUN, STATE = "model.safetensors", "run.json", "state.safetensors"
 _RUN_SCHEMA, _STATE_SCHEMA = "naris.training/1", "naris.training-state/1"
@@ -144,6 +144,7 @@ def train(
             journal.wall_s, journal.cpu_s = journal.wall_s + watch.wall_s, journal.cpu_s + watch.cpu_s
         settings = plain(config)
         made = {"settings": settings, "steps": learner.steps, "precision": learner.precision, "versions": versions()}
+        made |= {"data": lessons.told, "start": None if start is None else start_told(start)}
         save_checkpoint(out / MODEL, calibrated(learner.checkpoint(made), lessons, kept))
     run = TrainingRun(
         out,

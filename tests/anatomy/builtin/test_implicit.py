@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from naris.anatomy.level_set import only_lumen, surface
 from naris.anatomy.builtin.implicit import (
     Grid,
     bump,
@@ -19,6 +18,7 @@ from naris.anatomy.builtin.implicit import (
     swept_tube,
     tube,
 )
+from naris.anatomy.level_set import only_lumen, surface
 from naris.errors import InputError
 
 NUMBERS = st.floats(-50, 50, width=32)
