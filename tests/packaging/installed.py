@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -38,9 +39,9 @@ def main() -> None:
         return done.stdout
 
     listed = run("naris", "--help").partition("Verbs:")[2].partition("Options")[0]
-    verbs = [line.split()[0] for line in listed.splitlines() if line.strip()]
+    verbs = [re.split(r"  +", line.strip())[0] for line in listed.splitlines() if line.strip()]
     for verb in verbs:
-        if f"naris {verb}" not in run("naris", verb, "--help"):
+        if f"naris {verb}" not in run("naris", *verb.split(), "--help"):
             sys.exit(f"naris {verb} --help does not tell its usage")
     found = json.loads(run("python", "-I", "-c", IMPORT_ALL))
     if Path(found["where"]).resolve().is_relative_to(REPOSITORY):

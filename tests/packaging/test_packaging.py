@@ -171,4 +171,4 @@ def test_the_page_of_the_command_line_tells_every_verb_in_order() -> None:
     from naris.cli import VERBS
 
     page = (REPOSITORY / "docs" / "cli.md").read_text()
-    assert re.findall(r"^## ([a-z-]+)$", page, re.MULTILINE) == list(VERBS)
+    assert re.findall(r"^## ([a-z][a-z -]+)$", page, re.MULTILINE) == list(VERBS)

@@ -1,9 +1,11 @@
 """The nasal airway of a CT, by classical means: air, cut from the room, from the mouth and from the sinuses.
 
-Air is what is darker than half-way to tissue. A ball that comes from the front tells the room from the nostrils; the
-ways with most room from either nostril to the pharynx run through the two sides of the nose; the air is divided at its
+What is surely air decides what is what. A ball that comes from the front tells the room from the nostrils; the ways
+with most room from either nostril to the pharynx run through the two sides of the nose; the air is divided at its
 narrow places, and the parts along the ways and the slits that open into them are the nasal cavity. What else is
-connected, and not to the room, is a sinus or the mouth.
+connected, and not to the room, is a sinus or the mouth. Only then the labels grow to the boundary, half-way between air
+and the tissue around it (`naris.airway.boundary`): at that level a thin septum may have holes, through which nothing
+leaks any more.
 """
 
 from __future__ import annotations
@@ -11,11 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
-from scipy.ndimage import binary_dilation, label
+from jaxtyping import Bool, Float, Float32, Int, UInt8
+from scipy.ndimage import binary_dilation, distance_transform_edt, label
 
 from naris.airway.basins import Basins, basins_of, nasal_parts, wall_mm
 from naris.airway.block import TOUCHING, Block, block_of
+from naris.airway.boundary import air_level
 from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostrils, room_air
 from naris.airway.ways import choana_row, pharynx_nodes, sides, ways_in
 from naris.core.volume import LPS, Volume
@@ -30,6 +33,7 @@ RIGHT, LEFT, NASOPHARYNX, ATTACHED = 1, 2, 3, 4
 _BESIDE_MM, _BEHIND_MM, _ABOVE_MM, _BELOW_MM = 55.0, 125.0, 75.0, 45.0  # of the tip of the nose, the block reaches
 _FLOOR_MM = 25.0  # below the nasal floor the pharynx is cut
 _CLIPPED_MM = 1.0
+_GROWN_MM = 1.0
 _LEAST_ROWS = 20
 
 
@@ -40,13 +44,15 @@ class Airway:
     Attributes:
         labels: (nx, ny, nz) 0 outside, else 1 + the index in `SEGMENTS`.
         block: the lattice and the values that they were found in.
+        level: (nx, ny, nz) HU below the boundary to tissue: positive in air.
         landmarks_mm: (3,) in LPS by name: `left.nostril`, `left.choana`, `left.nasal floor` and those of the right,
-            `anterior tip`, `posterior wall`.
+            `anterior tip`, `posterior wall`, `nasopharynx` (its roomiest place).
         findings: what a user should know.
     """
 
     labels: UInt8[np.ndarray, "nx ny nz"]
     block: Block
+    level: Float32[np.ndarray, "nx ny nz"]
     landmarks_mm: dict[str, Float[np.ndarray, "3"]]
     findings: tuple[Finding, ...] = ()
 
@@ -82,11 +88,13 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     labels = _labels(basins, airway, wall, right, left, block)
     at_face = np.unique(basins.part[airway & binary_dilation(room, TOUCHING)])
     labels[np.isin(basins.part, at_face) & (labels == ATTACHED)] = 0  # what lies along the skin is the room
+    level = air_level(block)
+    labels = _grown(labels, level, room, step_mm)
     findings = []
     if tip_mm[1] - volume.bounds_mm[0, 1] < _CLIPPED_MM:
         findings.append(Finding("clipped nose", "the scan begins at the tip of the nose, which may be cut", "warning"))
-    landmarks = _landmarks(block, labels, openings, tip_mm)
-    return Airway(labels, block, landmarks, tuple(findings))
+    landmarks = _landmarks(block, labels, wall, openings, tip_mm)
+    return Airway(labels, block, level, landmarks, tuple(findings))
 
 
 def _largest(mask: Bool[np.ndarray, "nx ny nz"]) -> Bool[np.ndarray, "nx ny nz"]:
@@ -140,6 +148,12 @@ def _labels(
     front = nasal.copy()
     front[:, row:] = False
     labels = sides(front, wall, right, left).astype(np.uint8)
+    if row <= max(int(right[:, 1].min()), int(left[:, 1].min())):
+        raise ScanError(
+            "a septum between the two sides of the nose",
+            "sides that meet at the nostrils",
+            "use a finer lattice, or segment this scan by hand if the septum has a hole",
+        )
     floor = int(np.concatenate([right[right[:, 1] < row], left[left[:, 1] < row]])[:, 2].min())
     low = max(floor - round(_FLOOR_MM / block.step_mm), 0)
     labels[:, row:, low:][nasal[:, row:, low:]] = NASOPHARYNX
@@ -147,9 +161,23 @@ def _labels(
     return labels
 
 
+def _grown(
+    labels: UInt8[np.ndarray, "nx ny nz"],
+    level: Float32[np.ndarray, "nx ny nz"],
+    room: Bool[np.ndarray, "nx ny nz"],
+    step_mm: float,
+) -> UInt8[np.ndarray, "nx ny nz"]:
+    """The labels out to the boundary: all air within a millimetre, each node as the nearest labelled one."""
+    known = (labels > 0) | room
+    far, nearest = distance_transform_edt(~known, sampling=step_mm, return_indices=True)
+    grown = np.where((level > 0) & (far <= _GROWN_MM), labels[tuple(nearest)], 0)
+    return np.asarray(grown, dtype=np.uint8)
+
+
 def _landmarks(
     block: Block,
     labels: UInt8[np.ndarray, "nx ny nz"],
+    wall: Float32[np.ndarray, "nx ny nz"],
     openings: dict[str, Opening],
     tip_mm: Float[np.ndarray, "3"],
 ) -> dict[str, Float[np.ndarray, "3"]]:
@@ -168,11 +196,12 @@ def _landmarks(
         nodes = np.argwhere(of_side[:, first + third : last + 1 - third])
         lowest = nodes[nodes[:, 2].argmin()] + [0, first + third, 0]
         found[f"{side}.nasal floor"] = block.points_mm(lowest)
-    behind = np.argwhere(labels == NASOPHARYNX)
-    level = block.index((found["left.choana"] + found["right.choana"]) / 2)[2]
-    near = behind[np.abs(behind[:, 2] - level) * block.step_mm < 5]
-    if len(near):
-        found["posterior wall"] = block.points_mm(near[near[:, 1].argmax()])
+    pharynx = np.where(labels == NASOPHARYNX, wall, 0.0)
+    roomiest = np.array(np.unravel_index(pharynx.argmax(), wall.shape))
+    found["nasopharynx"] = block.points_mm(roomiest)
+    wall_row = np.flatnonzero(labels[roomiest[0], :, roomiest[2]] == NASOPHARYNX)
+    if len(wall_row):
+        found["posterior wall"] = block.points_mm(np.array([roomiest[0], wall_row[-1], roomiest[2]]))
     return found
 
 

@@ -34,6 +34,17 @@ SLABS = "slabs"
 _SURFACE = "surface-"
 
 
+def check_folder(folder: Path) -> None:
+    """See that an anatomy may be saved there, before work is spent on it.
+
+    Raises:
+        SurfaceError: if the path is a file, or a folder with other things and no anatomy.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise SurfaceError(f"a folder to save to at {folder}", "a file", "give another path")
+    _check_own(folder)
+
+
 def save_anatomy(anatomy: Anatomy, folder: Path | str) -> None:
     """Writes an anatomy to a folder, made if need be; an anatomy that is there is replaced.
 
@@ -42,9 +53,7 @@ def save_anatomy(anatomy: Anatomy, folder: Path | str) -> None:
         DiskFull: if there is no room; an anatomy that was there is still there.
     """
     folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise SurfaceError(f"a folder to save to at {folder}", "a file", "give another path")
-    _check_own(folder)
+    check_folder(folder)
     content = ply_bytes(anatomy)
     digest = hashlib.sha256(content).hexdigest()
     surface = folder / f"{_SURFACE}{digest[:8]}.ply"

@@ -99,8 +99,8 @@ def _ways_found(graph: LumenGraph, landmarks_mm: dict[str, Float[np.ndarray, "3"
 
 
 def _prefix(landmark: str) -> str:
-    """`left.` of `left nostril centre`."""
-    side = landmark.partition(_NOSTRIL)[0].strip()
+    """`left.` of `left nostril centre` and of `left.nostril`."""
+    side = landmark.partition(_NOSTRIL)[0].strip(" .")
     return f"{side}." if side else ""
 
 

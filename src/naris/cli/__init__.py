@@ -1,7 +1,8 @@
 """The command line: `naris VERB …`, one verb a stage, each in a module of its own.
 
 A verb is a module with a frozen dataclass `Options` (its command line is generated from it) and
-`run(options, console) -> int`. It is imported when it is called, so that `naris --help` answers at once.
+`run(options, console) -> int`. It is imported when it is called, so that `naris --help` answers at once. A verb of two
+words is a branch of the first (`naris anatomy from-ct`).
 
 Exit status: 0 the answer is there; 1 the work ran and the honest answer is "no"; 2 bad input, in one line on stderr;
 70 a bug, with a traceback; 130 interrupted.
@@ -27,6 +28,7 @@ VERBS: Mapping[str, Verb] = {
     "demo": Verb("naris.cli.demo", "the whole pipeline on the built-in nose, with a report, in about five minutes"),
     "reproduce": Verb("naris.cli.reproduce", "the published experiment on the mean nose, and what it leaves open"),
     "anatomy": Verb("naris.cli.anatomy", "look at an anatomy, keep it with regions, passages and a picture"),
+    "anatomy from-ct": Verb("naris.cli.anatomy_from_ct", "the airway of the nose in a CT, as an anatomy"),
     "simulate": Verb("naris.cli.simulate", "pictures of an anatomy with poses, regions and depth"),
     "train": Verb("naris.cli.train", "a network, on views rendered as it learns or on a data set"),
     "evaluate": Verb("naris.cli.evaluate", "how good a model is: accuracy, confusion, calibration, pose errors"),

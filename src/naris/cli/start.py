@@ -39,12 +39,12 @@ def start(words: Sequence[str], flags: set[str], verbs: Mapping[str, Verb]) -> i
     """Runs the verb that `words` begin with, in the manner that the `flags` of every verb ask for."""
     console = console_for(flags)
     with _Outcome(console) as outcome:
-        if not words or words[0] not in verbs:
+        name = next((first for count in (2, 1) if (first := " ".join(words[:count])) in verbs), None)
+        if name is None:
             raise InputError(_unknown(words, verbs))
-        name, *rest = words
         module = importlib.import_module(verbs[name].module)
         outcome.verb = module
-        outcome.options = _options(module, name, rest)
+        outcome.options = _options(module, name, words[len(name.split()) :])
         check_numbers(outcome.options)
         # A library that prints must not get in the way of the answer.
         with redirect_stdout(sys.stderr):

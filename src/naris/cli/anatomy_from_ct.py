@@ -1,0 +1,131 @@
+"""Find the airway of the nose in a CT and keep it as an anatomy, with its segmentation for 3D Slicer and a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from naris.cli.console import Console
+
+if TYPE_CHECKING:
+    from naris.airway.segment import Airway
+    from naris.anatomy.scanned import ScannedAnatomy
+    from naris.ct.scan import Finding, Scan
+
+SEGMENTATION, PICTURE = "segmentation.seg.nrrd", "anatomy.html"
+NO_AIRWAY = 1
+
+
+@dataclass(frozen=True)
+class Options:
+    """Which scan, and where to."""
+
+    scan: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCAN")]
+    """A DICOM folder or file, or a .nrrd, .nii, .nii.gz, .mha or .mhd file, in Hounsfield units."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")]
+    """Folder for the anatomy: new, empty, or one made by this command."""
+    series: Annotated[str | None, tyro.conf.arg(metavar="KEY")] = None
+    """Which DICOM series, where a folder holds several (the message that says so lists them)."""
+    name: str = "patient"
+    """What to call the anatomy; it goes into every output, so no name of a person."""
+    step_mm: float = 0.5
+    """Of the lattice that the scan is looked at on."""
+    sinuses: bool = False
+    """Keep the sinuses and what else opens into the nose, instead of the nasal cavities and the nasopharynx alone."""
+
+
+def run(options: Options, console: Console) -> int:
+    """Reads, segments, makes the surface and keeps all of it; exit status 1 where there is no usable airway."""
+    from naris.airway.segment import segment_airway
+    from naris.airway.segments import write_segments
+    from naris.anatomy.folder import check_folder, save_anatomy
+    from naris.anatomy.scanned import anatomy_of_airway
+    from naris.ct.read import read_scan
+    from naris.errors import PoseError, ScanError, SurfaceError
+
+    if not 0.2 <= options.step_mm <= 1.0:
+        from naris.errors import InputError
+
+        raise InputError("--step-mm between 0.2 and 1.0", f"{options.step_mm:g}", "use 0.5")
+    check_folder(options.out)
+    scan = read_scan(options.scan, options.series, console.progress)
+    with console.progress.task("anatomy", 3) as advance:
+        try:
+            airway = segment_airway(scan.volume, options.step_mm)
+            advance(1)
+            made = anatomy_of_airway(airway, options.name, _source(scan, options.step_mm), attached=options.sinuses)
+            advance(1)
+        except (ScanError, PoseError, SurfaceError) as error:
+            data = {"usable": False, "reason": str(error), "findings": [f.to_json() for f in scan.findings]}
+            console.answer(data, f"no usable airway: {error}\nnothing was kept")
+            return NO_AIRWAY
+        save_anatomy(made.anatomy, options.out)
+        write_segments(airway, options.out / SEGMENTATION)
+        data = _describe(made, airway, (*scan.findings, *made.findings), options.out)
+        _write_picture(made, data, options.out)
+        advance(1)
+    console.answer(data, _text(data))
+    return 0
+
+
+def interrupted(options: Options) -> str:
+    """What a user who stopped it should know."""
+    return "what is in the folder is whole or missing; run the same command again"
+
+
+def _source(scan: Scan, step_mm: float) -> str:
+    """By its values, because names of files and series may name a person."""
+    import hashlib
+
+    import numpy as np
+
+    values = hashlib.sha256(np.ascontiguousarray(scan.volume.hu).tobytes()).hexdigest()[:16]
+    spacing = "×".join(f"{edge:.3g}" for edge in scan.volume.spacing_mm)
+    return f"{scan.format} CT of {spacing} mm, values {values}, segmented at {step_mm:g} mm"
+
+
+def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...], folder: Path) -> dict[str, Any]:
+    from naris.airway.segment import SEGMENTS
+
+    return {
+        "usable": True,
+        "name": made.anatomy.name,
+        "source": made.anatomy.source,
+        "digest": made.anatomy.digest,
+        "frame": made.anatomy.frame,
+        "volume_ml": {name: round(airway.volume_ml(i + 1), 2) for i, name in enumerate(SEGMENTS)},
+        "faces": len(made.anatomy.faces),
+        "genus": made.genus,
+        "smoothed_mm": {"mean": round(float(made.moved_mm.mean()), 3), "most": round(float(made.moved_mm.max()), 3)},
+        "passages": [{"name": one.name, "length_mm": round(one.length_mm, 1)} for one in made.anatomy.passages],
+        "landmarks_mm": {name: point.round(2).tolist() for name, point in made.anatomy.landmarks_mm.items()},
+        "findings": [one.to_json() for one in findings],
+        "folder": folder,
+        "segmentation": folder / SEGMENTATION,
+        "picture": folder / PICTURE,
+    }
+
+
+def _write_picture(made: ScannedAnatomy, data: dict[str, Any], folder: Path) -> None:
+    from naris.core.atomic import write_text
+    from naris.report.anatomy_page import anatomy_page
+
+    facts = {
+        "from": data["source"],
+        "air": ", ".join(f"{name} {ml:.1f} ml" for name, ml in data["volume_ml"].items()),
+        "surface": f"{data['faces']:,} faces, closed, genus {data['genus']}",
+        "to know": "; ".join(one["text"] for one in data["findings"]) or "nothing unusual was noticed",
+    }
+    write_text(folder / PICTURE, anatomy_page(made.anatomy, made.anatomy.region_set().name, facts))
+
+
+def _text(data: dict[str, Any]) -> str:
+    lines = [data["name"], f"  from      {data['source']}"]
+    lines += [f"  {name:<24}{ml:6.1f} ml" for name, ml in data["volume_ml"].items()]
+    lines.append(f"  surface   {data['faces']:,} faces, closed, genus {data['genus']}")
+    lines += [f"  {one['weight']}: {one['text']}" for one in data["findings"]]
+    lines.append(f"kept in {data['folder']}, picture in {data['picture']}, for 3D Slicer {data['segmentation']}")
+    return "\n".join(lines)

@@ -1,0 +1,75 @@
+"""From a scan whose truth is known to an anatomy, and how far that is from the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from naris.airway.segment import ATTACHED, LEFT, Airway
+from naris.anatomy.checks import check_surface
+from naris.anatomy.distance import signed_distance
+from naris.anatomy.scanned import MOST_MOVED_MM, ScannedAnatomy, anatomy_of_airway
+from naris.core.anatomy import Anatomy
+from tests import simulated_head
+
+OPEN_BELOW_MM = -20.0
+"""Below lie the nostrils of the built-in nose, which in a scan are open to the room."""
+
+
+@pytest.fixture
+def nose() -> Anatomy:
+    return simulated_head.nose()
+
+
+@pytest.fixture(scope="module")
+def made() -> ScannedAnatomy:
+    return anatomy_of_airway(simulated_head.airway(), "made again", "a test")
+
+
+def test_the_surface_lies_on_that_of_the_truth(nose: Anatomy, made: ScannedAnatomy) -> None:
+    """From the surface to the truth, and back to the nearest vertices, which lie 0.5 mm apart."""
+    found, true = (points[points[:, 2] > OPEN_BELOW_MM] for points in (made.anatomy.vertices_mm, nose.vertices_mm))
+    off = np.abs(signed_distance(nose)(found))
+    assert off.mean() < 0.08
+    assert np.percentile(off, 95) < 0.2
+    missed, _ = cKDTree(made.anatomy.vertices_mm).query(true)
+    assert missed.mean() < 0.25
+    assert np.percentile(missed, 99) < 0.8
+
+
+def test_it_is_closed_in_one_piece_wound_outwards_and_without_handles(nose: Anatomy, made: ScannedAnatomy) -> None:
+    report = check_surface(made.anatomy.vertices_mm, made.anatomy.faces)
+    assert (report.closed, report.pieces, report.genus) == (True, 1, 0)
+    assert made.genus == 0
+    truth = check_surface(nose.vertices_mm, nose.faces).volume_ml
+    assert report.volume_ml == pytest.approx(truth, rel=0.05)
+
+
+def test_smoothing_moves_no_vertex_further_than_promised(made: ScannedAnatomy) -> None:
+    assert 0.02 < made.moved_mm.mean() < made.moved_mm.max() <= MOST_MOVED_MM + 1e-9
+
+
+def test_passages_lead_from_either_nostril_to_the_back(made: ScannedAnatomy) -> None:
+    for side in ("left", "right"):
+        way = made.anatomy.passage(f"{side}.main")
+        assert np.linalg.norm(way.points_mm[0] - made.anatomy.landmarks_mm[f"{side}.nostril"]) < 6
+        assert np.linalg.norm(way.points_mm[-1] - made.anatomy.landmarks_mm["nasopharynx"]) < 6
+        assert way.clearance_mm.min() > 0.3
+
+
+@pytest.mark.slow
+def test_what_opens_into_the_nose_is_kept_when_asked() -> None:
+    """A cell beside the left cavity, called attached."""
+    airway = simulated_head.airway()
+    labels = airway.labels.copy()
+    left = np.argwhere(labels == LEFT)
+    upper = left[left[:, 2] > np.percentile(left[:, 2], 70)]
+    labels[tuple(upper.T)] = ATTACHED
+    cut = Airway(labels, airway.block, airway.level, airway.landmarks_mm)
+    volumes = [
+        check_surface(one.anatomy.vertices_mm, one.anatomy.faces).volume_ml
+        for one in (anatomy_of_airway(cut, "cut", "a test"), anatomy_of_airway(cut, "whole", "a test", attached=True))
+    ]
+    lost_ml = len(upper) * airway.block.step_mm**3 / 1000
+    assert volumes[1] - volumes[0] == pytest.approx(lost_ml, rel=0.2)
