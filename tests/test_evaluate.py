@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from naris.core.anatomy import SlabRegions
 from naris.core.camera import Intrinsics
-from naris.core.pose import Pose
+from naris.core.pose import Pose, fingerprints
 from naris.dataset.layout import RegionLabels
 from naris.dataset.pictures import encode_rgb
 from naris.dataset.read import Dataset
@@ -231,3 +231,14 @@ def test_a_model_of_other_regions_and_a_broken_export_are_told(tmp_path: Path) -
     np.savez(path, about=np.array([{"a": object}], dtype=object))
     with pytest.raises(DatasetError, match="exported predictions"):
         read_said(path)
+
+
+def test_pictures_that_a_model_learned_from_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    dataset, model = _dataset(tmp_path / "set"), _checkpoint(0)
+    views = fingerprints(dataset.anatomy_T_camera[:5])
+    export(replace(model, training={"data": {"kind": "data set", "views": views}}), dataset)
+    assert "5 of the 12 pictures stand at poses that the model learned from" in caplog.text
+    caplog.clear()
+    other = dataset.anatomy_T_camera @ Pose.of(np.eye(3), np.array([0.01, 0, 0]), "camera", "camera")
+    export(replace(model, training={"data": {"kind": "data set", "views": fingerprints(other)}}), dataset)
+    assert not caplog.records

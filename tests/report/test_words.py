@@ -63,7 +63,7 @@ def test_chance_is_named(reproduce_data: ReportData) -> None:
 
 
 @pytest.mark.parametrize(
-    ("confidence", "expected"), [(0.95, "Too sure"), (0.2, "Less sure"), (0.52, "nearly at their word")]
+    ("confidence", "expected"), [(0.95, "Too sure"), (0.2, "Less sure"), (0.52, "close to the share of right answers")]
 )
 def test_calibration_is_told(reproduce_data: ReportData, confidence: float, expected: str) -> None:
     known = Calibration(np.array([confidence]), np.array([0.5]), np.array([1000]))

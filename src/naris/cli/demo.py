@@ -49,6 +49,7 @@ def interrupted(options: Options) -> str:
 
 def _told(data: ReportData, wall_s: float | None, out: Path) -> str:
     from naris.cli.experiments import REPORT, percent
+    from naris.demo import FEW_PICTURES
 
     compact, two_layer = data.networks[0], data.networks[-1]
     hardest = data.splits[-1]
@@ -65,4 +66,10 @@ def _told(data: ReportData, wall_s: float | None, out: Path) -> str:
         f"{located} of {len(data.located)} pictures localised, {right} in the right region{took}",
         f"report: {out / REPORT}",
     ]
+    if compact.pictures is not None and compact.pictures < FEW_PICTURES:
+        lines.insert(
+            1,
+            f"  few pictures: it was shown {compact.pictures:,} in its time, on a free machine twice {FEW_PICTURES:,} "
+            "or more; with more time (--budget-s) it names more regions",
+        )
     return "\n".join(lines)

@@ -74,11 +74,15 @@ def interrupted(options: Options) -> str:
 def _text(found: Summary, data: dict[str, Any]) -> str:
     low, high = (100 * end for end in found.interval)
     spread = "" if found.std is None else f" ± {100 * found.std:.1f} over {len(found.scores)} runs"
-    first = found.scores[0]
+    first, several = found.scores[0], len(found.scores) > 1
+    wrong = sum(round((1 - one.accuracy) * one.pictures) for one in found.scores)
     lines = [
         f"accuracy {100 * found.mean:.1f} %{spread} (95 % interval {low:.1f}–{high:.1f}), "
         f"{first.pictures} pictures of {first.clusters} {data['resampled']} clusters",
-        f"{100 * found.nonneighbour_error:.1f} % of the wrong answers name a region that does not touch the true one",
+        "no wrong answers"
+        if not wrong
+        else f"{100 * found.nonneighbour_error:.1f} % of wrong answers name a region that does not touch the true one",
+        *(["the first of them (--json tells all):"] if several else []),
         f"calibration error {first.reliability.ece:.3f}"
         + ("" if first.refused is None else f"; {100 * first.refused:.1f} % seen as none of the training's kind"),
     ]
@@ -87,7 +91,7 @@ def _text(found: Summary, data: dict[str, Any]) -> str:
             f"camera off by {first.pose.median_mm:.1f} mm and {first.pose.median_deg:.1f}° (medians), "
             f"{100 * first.pose.near:.0f} % within 4 mm and 15°"
         )
-    return "\n".join([*lines, "", *_confusion(data)])
+    return "\n".join([*lines, "", *(["all runs together:"] if several else []), *_confusion(data)])
 
 
 def _confusion(data: dict[str, Any]) -> list[str]:

@@ -60,12 +60,16 @@ def run(options: Options, console: Console) -> int:
 
     runs = [_told(one) for one in carry_out(options, console.progress)]
     lines = [
-        f"{one['model']}: {one['steps']} steps, region loss {one['loss_first']:.2f} → {one['loss_last']:.2f}, "
-        f"{one['seconds']:.0f} s"
-        for one in runs
+        f"{one['model']}: {one['steps']} steps, region loss {_losses(one)}, {one['seconds']:.0f} s" for one in runs
     ]
     console.answer({"network": options.network, "source": options.source, "runs": runs}, "\n".join(lines))
     return 0
+
+
+def _losses(run: dict[str, Any]) -> str:
+    """Of the first and the last epoch, or of the only one."""
+    first, last = f"{run['loss_first']:.2f}", f"{run['loss_last']:.2f}"
+    return last if run["loss_first"] == run["loss_last"] else f"{first} → {last}"
 
 
 def interrupted(options: Options) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -214,3 +215,12 @@ def _hat(v: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
     rows = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
     return rows.reshape(*v.shape[:-1], 3, 3)
+
+
+def fingerprints(poses: Pose) -> list[str]:
+    """Eight letters a pose (N,), the same for the same pose: to see whether two sets of views share some.
+
+    Two of a thousand different poses share theirs with a chance of one in ten thousand.
+    """
+    rounded = np.round(poses.matrix.reshape(-1, 16), 6) + 0.0  # no −0
+    return [hashlib.sha256(np.ascontiguousarray(row).tobytes()).hexdigest()[:8] for row in rounded]

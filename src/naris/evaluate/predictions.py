@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from naris.core.atomic import write_bytes
-from naris.core.pose import CAMERA, Pose
+from naris.core.pose import CAMERA, Pose, fingerprints
 from naris.core.provenance import digest
 from naris.dataset.layout import RegionLabels
 from naris.dataset.read import Dataset
@@ -93,6 +93,7 @@ def export(
     check_regions(localizer.checkpoint, dataset.regions)
     if dataset.labels.min() < 0:
         raise DatasetError("pictures that all lie in regions", "one that lies in none", "leave it out")
+    _tell_known_views(localizer.checkpoint, dataset)
     has_poses = _same_anatomy(localizer.checkpoint.subject, dataset)
     images = dataset.images()
     truth = [images, dataset.labels, dataset.anatomy_T_camera.matrix]
@@ -139,6 +140,18 @@ def read_said(path: Path) -> Said:
         raise DatasetError(
             f"exported predictions in {path.name}", f"something else ({error})", "evaluate the model again"
         ) from error
+
+
+def _tell_known_views(checkpoint: Checkpoint, dataset: Dataset) -> None:
+    """A notice where the model learned from pictures at the very poses of these."""
+    known = set(checkpoint.training.get("data", {}).get("views", ()))
+    shared = sum(one in known for one in fingerprints(dataset.anatomy_T_camera)) if known else 0
+    if shared:
+        _log.warning(
+            "%d of the %d pictures stand at poses that the model learned from: the figures say how well it remembers",
+            shared,
+            len(dataset),
+        )
 
 
 def _same_anatomy(subject: Subject, dataset: Dataset) -> bool:

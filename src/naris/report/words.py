@@ -222,7 +222,7 @@ def calibration(data: ReportData) -> list[str]:
             (bold if worst.mean_confidence > test.mean else shy).append(told)
     said = []
     if honest:
-        said.append(f"Probabilities that may be taken nearly at their word: {listed(honest)}.")
+        said.append(f"Probabilities close to the share of right answers, on average: {listed(honest)}.")
     if bold:
         said.append(f"Too sure of itself: {listed(bold)}.")
     if shy:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.camera import Intrinsics
-from naris.core.pose import Pose
+from naris.core.pose import Pose, fingerprints
 from naris.core.provenance import digest, plain
 from naris.dataset.read import Dataset
 from naris.dataset.stream import Batch, SeveralStreams
@@ -174,7 +174,8 @@ class FixedLessons:
 
     @property
     def told(self) -> dict[str, object]:
-        return {"kind": "data set", "pictures": len(self.examples)}
+        known = fingerprints(self.examples.anatomy_T_camera)
+        return {"kind": "data set", "pictures": len(self.examples), "views": known}
 
     @property
     def per_epoch(self) -> int:
