@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from naris.airway.segment import ATTACHED, LEFT, Airway
+from naris.airway.block import Block
+from naris.airway.segment import ATTACHED, LEFT, NASOPHARYNX, Airway
 from naris.anatomy.checks import check_surface
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.scanned import MOST_MOVED_MM, ScannedAnatomy, anatomy_of_airway
@@ -58,18 +59,22 @@ def test_passages_lead_from_either_nostril_to_the_back(made: ScannedAnatomy) -> 
         assert way.clearance_mm.min() > 0.3
 
 
-@pytest.mark.slow
 def test_what_opens_into_the_nose_is_kept_when_asked() -> None:
-    """A cell beside the left cavity, called attached."""
-    airway = simulated_head.airway()
-    labels = airway.labels.copy()
-    left = np.argwhere(labels == LEFT)
-    upper = left[left[:, 2] > np.percentile(left[:, 2], 70)]
-    labels[tuple(upper.T)] = ATTACHED
-    cut = Airway(labels, airway.block, airway.level, airway.landmarks_mm)
+    """A straight passage along y with a cell above it."""
+    labels = np.zeros((24, 80, 40), dtype=np.uint8)
+    labels[6:18, 4:60, 6:18] = LEFT
+    labels[6:18, 60:76, 6:18] = NASOPHARYNX
+    labels[8:16, 20:40, 18:34] = ATTACHED
+    block = Block(np.zeros(labels.shape, np.float32), np.zeros(3), 0.5)
+    level = np.where(labels > 0, 300.0, -300.0).astype(np.float32)
+    landmarks = {"left.nostril": np.array([6.0, 3.0, 6.0]), "nasopharynx": np.array([6.0, 34.0, 6.0])}
+    airway = Airway(labels, block, level, landmarks)
     volumes = [
         check_surface(one.anatomy.vertices_mm, one.anatomy.faces).volume_ml
-        for one in (anatomy_of_airway(cut, "cut", "a test"), anatomy_of_airway(cut, "whole", "a test", attached=True))
+        for one in (anatomy_of_airway(airway, "a", "a test"), anatomy_of_airway(airway, "b", "a test", attached=True))
     ]
-    lost_ml = len(upper) * airway.block.step_mm**3 / 1000
-    assert volumes[1] - volumes[0] == pytest.approx(lost_ml, rel=0.2)
+    cell_ml = float((labels == ATTACHED).sum()) * block.step_mm**3 / 1000
+    assert volumes[1] - volumes[0] == pytest.approx(cell_ml, rel=0.1)
+    assert volumes[0] == pytest.approx(
+        float(np.isin(labels, (LEFT, NASOPHARYNX)).sum()) * block.step_mm**3 / 1000, rel=0.15
+    )

@@ -253,9 +253,11 @@ def _run(
     stretches = [part for part in np.split(good, np.flatnonzero(np.diff(good) > 1) + 1) if len(part) >= max(least, 1)]
     if not stretches:
         return good[:0]
-    stretch = stretches[int(rng.integers(len(stretches)))]
-    start = int(rng.integers(max(len(stretch) - most, 0) + 1))
-    return stretch[start : start + most]
+    # Every start equally often, else short stretches, which lie where a way touches a border, would be crowded.
+    starts = np.array([max(len(stretch) - most, 0) + 1 for stretch in stretches])
+    chosen = int(rng.choice(len(stretches), p=starts / starts.sum()))
+    start = int(rng.integers(starts[chosen]))
+    return stretches[chosen][start : start + most]
 
 
 def _handed_over(
