@@ -1,4 +1,4 @@
-"""A winding tube: the smallest lumen with a passage, four slabs and walls at a known distance."""
+"""Tubes: the smallest lumens with a passage, four slabs and walls at a known distance; one winds, one widens."""
 
 from __future__ import annotations
 
@@ -25,16 +25,28 @@ def centre_line() -> np.ndarray:
 @cache
 def winding_tube() -> Anatomy:
     """The tube with its centre line as the passage `main`."""
-    line, step = centre_line(), 1.0
-    axes = [np.arange(low, high, step) for low, high in ((-10, 10), (-48, 48), (-14, 14))]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    field = RADIUS_MM - cKDTree(line).query(grid)[0]
-    vertices, faces, _, _ = marching_cubes(field, 0.0, spacing=(step,) * 3, gradient_direction="descent")
+    line = centre_line()
+    return _tube(line, np.full(len(line), RADIUS_MM), "a winding tube")
+
+
+@cache
+def widening_tube() -> Anatomy:
+    """A straight tube along y whose radius grows from 3 to 9 mm, with its axis as the passage `main`."""
+    line = np.linspace([0.0, -40, 0], [0.0, 40, 0], 161)
+    return _tube(line, np.linspace(3.0, 9.0, len(line)), "a widening tube")
+
+
+def _tube(line: np.ndarray, radius_mm: np.ndarray, name: str) -> Anatomy:
+    step = 1.0
+    axes = [np.arange(low, high, step) for low, high in ((-12, 13), (-51, 52), (-14, 15))]
+    far, nearest = cKDTree(line).query(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
+    vertices, faces, _, _ = marching_cubes(
+        radius_mm[nearest] - far, 0.0, spacing=(step,) * 3, gradient_direction="descent"
+    )
     vertices = vertices + [axis[0] for axis in axes]
     volume = np.einsum("ij,ij->", vertices[faces[:, 0]], np.cross(vertices[faces[:, 1]], vertices[faces[:, 2]]))
     faces = faces if volume > 0 else faces[:, ::-1]
-    passage = Passage("main", line, np.full(len(line), RADIUS_MM))
     return Anatomy(
-        vertices, np.ascontiguousarray(faces, np.int32), "LPS", "a winding tube", "made up",
-        regions={"slabs": SLABS}, passages=(passage,),
+        vertices, np.ascontiguousarray(faces, np.int32), "LPS", name, "made up",
+        regions={"slabs": SLABS}, passages=(Passage("main", line, radius_mm),),
     )  # fmt: skip

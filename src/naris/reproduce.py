@@ -70,7 +70,7 @@ class ReproduceConfig:
     runs: int = _PUBLISHED_RUNS
     compact_epochs: int = 40
     compact_runs: int = 5
-    at_will_steps: int = 5000
+    at_will_steps: int = 6000
     at_will_runs: int = 1
     workers: int = 2
     seed: int = 0

@@ -16,7 +16,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
 from naris.errors import InputError, PoseError, RegionError
 from naris.render.appearance import PAPER
-from naris.render.directions import aims, along_passages, tangents, tilted, upright
+from naris.render.directions import Bearings, aims, bearings, tangents, tilted, upright
 from naris.render.scene import Scene, render
 from naris.render.viewpoints import (
     ANYWHERE,
@@ -32,7 +32,7 @@ from naris.render.viewpoints import (
     sees_ahead,
     view_bank,
 )
-from tests.winding_tube import RADIUS_MM, SLABS, centre_line, winding_tube
+from tests.winding_tube import RADIUS_MM, SLABS, centre_line, widening_tube, winding_tube
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_inspection_looks_along_the_passage(scene, distance) -> None:
     bank = bank_of(distance, replace(INSPECTION, median_depth_mm=0.0))
     poses = draw_views(scene, bank, 4000, np.random.default_rng(0)).anatomy_T_camera
     passage = winding_tube().passages
-    tilt = angles_deg(poses.forward, along_passages(poses.position_mm, distance, passage)[0])
+    tilt = angles_deg(poses.forward, bearings(poses.position_mm, distance, passage).way)
     assert 0.62 < (tilt < 15).mean() < 0.72
     assert tilt.max() < INSPECTION.tilt_max_deg + 3  # the direction is that of the nearest node
     level = Pose.look(poses.position_mm, poses.forward, upright(poses.forward), "LPS")
@@ -86,7 +86,7 @@ def test_inspection_looks_along_the_passage(scene, distance) -> None:
 def test_anywhere_is_uniform_in_its_cone(scene, distance) -> None:
     """In a cone of solid angle the share within half the angle is (1 − cos(θ/2)) / (1 − cos θ)."""
     poses = draw_views(scene, bank_of(distance, ANYWHERE), 4000, np.random.default_rng(0)).anatomy_T_camera
-    tilt = angles_deg(poses.forward, along_passages(poses.position_mm, distance, winding_tube().passages)[0])
+    tilt = angles_deg(poses.forward, bearings(poses.position_mm, distance, winding_tube().passages).way)
     expected = (1 - np.cos(np.deg2rad(12.5))) / (1 - np.cos(np.deg2rad(25)))
     assert abs((tilt < 12.5).mean() - expected) < 0.03
 
@@ -219,21 +219,42 @@ def test_travelling_takes_every_stretch_of_the_way_equally_often(scene, distance
     assert counts.max() < 1.5 * counts.mean()
 
 
+def test_travelling_takes_a_narrow_stretch_as_often_as_a_wide_one() -> None:
+    """The wide end of a widening tube has twenty times the room for a camera of the narrow one."""
+    tube = widening_tube()
+    one = SlabRegions("one", ("all",), "LPS", 1, ())
+    bank = view_bank(signed_distance(tube, 0.8), tube.passages, one, replace(TRAVEL, median_depth_mm=0.0, seen=0.0))
+    y = draw_views(Scene(tube), bank, 3000, np.random.default_rng(2)).anatomy_T_camera.position_mm[:, 1]
+    counts = np.histogram(y, bins=12, range=(-36, 36))[0]
+    assert counts.min() > 0.75 * counts.mean()
+    assert counts.max() < 1.25 * counts.mean()
+
+
 def test_places_of_one_stretch_share_its_chance() -> None:
     region = np.array([0, 0, 0, 0, 1, 1, 1])
-    way_mm = np.array([0.1, 0.2, 0.3, 5.0, 5.5, 7.0, 11.0])
-    chance = np.diff(_even_chances(region, way_mm))
+    chance = np.diff(_even_chances(region, _beside([0.1, 0.2, 0.3, 5.0, 5.5, 7.0, 11.0], [0] * 7)))
     np.testing.assert_allclose(chance, [2 / 9, 2 / 9, 2 / 9, 1 / 3, 1 / 5, 2 / 5, 2 / 5])
+
+
+def test_passages_beside_each_other_are_travelled_equally_often() -> None:
+    """At the same depth a roomy passage of three places and a narrow one of a single place have chances alike."""
+    chance = np.diff(_even_chances(np.zeros(4, int), _beside([4.0, 4.5, 5.0, 4.2], [0, 0, 0, 1])))
+    np.testing.assert_allclose(chance, [1 / 6, 1 / 6, 1 / 6, 1 / 2])
+
+
+def _beside(depth_mm: list[float], passage: list[int]) -> Bearings:
+    nowhere = np.zeros((len(passage), 3))
+    return Bearings(np.array(passage), nowhere, nowhere, np.array(depth_mm))
 
 
 def test_a_camera_beside_the_passage_is_aimed_back_to_it(distance) -> None:
     way = np.array([[0.0, 1.0, 0.0]])
     np.testing.assert_allclose(aims(way, np.array([[0.0, 0.0, -4.0]]), 10.0)[0, 2], -2 / np.sqrt(104))
     bank = bank_of(distance, replace(TRAVEL, tilt_sd_deg=0.0))
-    ways, goals, _ = along_passages(bank.places_mm, distance, winding_tube().passages)
-    back = goals - bank.places_mm
+    found = bearings(bank.places_mm, distance, winding_tube().passages)
+    back = found.goal_mm - bank.places_mm
     beside = np.linalg.norm(back, axis=1) > 2
-    turned = ((bank.tangents - ways) * back).sum(axis=1)[beside]
+    turned = ((bank.tangents - found.way) * back).sum(axis=1)[beside]
     assert (turned > 0).all()
 
 
@@ -245,12 +266,13 @@ def test_a_place_takes_the_passage_that_it_sees(distance) -> None:
     near_wall = main.points_mm + [0, 0, RADIUS_MM - 0.7]
     behind = Passage("behind", (near_wall + [0, 0, 1.2])[::-1], np.zeros(len(near_wall)))
     some = near_wall[20:120]
-    found, goals, way_mm = along_passages(some, distance, (behind, main))
-    assert (found[:, 1] > 0).all()
+    found = bearings(some, distance, (behind, main))
+    assert (found.passage == 1).all()
+    assert (found.way[:, 1] > 0).all()
     index = np.argmin(np.linalg.norm(some[:, None] - main.points_mm, axis=2), axis=1)
-    np.testing.assert_allclose(goals, main.points_mm[index])
-    np.testing.assert_allclose(way_mm, 0.5 * index, rtol=0.01)  # the points of the passage are 0.5 mm apart
-    assert (along_passages(some, distance, (behind,))[0][:, 1] < 0).all()
+    np.testing.assert_allclose(found.goal_mm, main.points_mm[index])
+    np.testing.assert_allclose(found.depth_mm, 0.5 * index, rtol=0.01)  # the points of the passage are 0.5 mm apart
+    assert (bearings(some, distance, (behind,)).way[:, 1] < 0).all()
 
 
 def test_an_anatomy_without_passages_gets_some(distance) -> None:

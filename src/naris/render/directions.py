@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from naris.anatomy.distance import SignedDistance
 from naris.core.anatomy import Passage
@@ -30,10 +31,25 @@ def upright(forward: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
     return up - (lift / np.maximum(1 + along, 1e-9))[..., None] * (forward + back)
 
 
-def along_passages(
-    places_mm: Float[np.ndarray, "m 3"], distance: SignedDistance, passages: Sequence[Passage]
-) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"], Float[np.ndarray, "m"]]:
-    """The nearest passage that each place can see: its direction inwards, its nearest point, its length up to there.
+@dataclass(frozen=True, eq=False)
+class Bearings:
+    """How M places stand to the nearest passage that each can see.
+
+    Attributes:
+        passage: (M,) its number.
+        way: (M, 3) its unit direction inwards.
+        goal_mm: (M, 3) its nearest point.
+        depth_mm: (M,) its length up to there.
+    """
+
+    passage: Int[np.ndarray, "m"]
+    way: Float[np.ndarray, "m 3"]
+    goal_mm: Float[np.ndarray, "m 3"]
+    depth_mm: Float[np.ndarray, "m"]
+
+
+def bearings(places_mm: Float[np.ndarray, "m 3"], distance: SignedDistance, passages: Sequence[Passage]) -> Bearings:
+    """Find the nearest passage in sight of each place.
 
     In sight means that the straight line there stays inside the lumen; a place that sees none takes the nearest.
     """
@@ -52,7 +68,7 @@ def along_passages(
         chosen[blind[seen]] = order[blind[seen], rank]
         blind = blind[~seen]
     every = np.arange(len(places_mm))
-    return ways[every, chosen], goals[every, chosen], depths[every, chosen]
+    return Bearings(chosen, ways[every, chosen], goals[every, chosen], depths[every, chosen])
 
 
 def aims(

@@ -2,7 +2,7 @@
 
 What the camera looks at matters more to a localizer than its network, so a view distribution is a named set of numbers
 that every data set, checkpoint and report repeats. `INSPECTION` is an endoscopist's view: along the passage, with some
-depth ahead. `TRAVEL` is the same on the whole way in, each stretch of it equally often. `ANYWHERE` is the hardest: any
+depth ahead. `TRAVEL` is the same on every way in, each stretch of it equally often. `ANYWHERE` is the hardest: any
 place with room, many views of a bare wall.
 """
 
@@ -23,7 +23,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
 from naris.errors import InputError, PoseError, RegionError
 from naris.render.appearance import Appearance
-from naris.render.directions import aims, along_passages, tilted, upright
+from naris.render.directions import Bearings, aims, bearings, tilted, upright
 from naris.render.near import neighbours
 from naris.render.scene import Scene, render
 
@@ -99,8 +99,8 @@ class ViewDistribution:
         median_depth_mm: views whose median z-depth over a square picture of 45° is less are drawn again.
         balanced: draw each region equally often; else each place in the lumen.
         seen: views with less of that picture on a wall are drawn again too; a surface may have openings to see out of.
-        even: within a region, each stretch of the way in equally often; else each place, most of which lie in the
-            widest parts.
+        even: within a region, each stretch of each passage equally often, as if each were travelled equally often;
+            else each place, most of which lie in the widest parts.
         ahead_mm: before any tilt the camera is aimed by somebody who steers back to the passage, to be half as far
             beside it after so many mm (as `naris.render.trajectories.Steering`); None aims along the passage.
     """
@@ -212,9 +212,10 @@ def view_bank(
     keep = keep[np.argsort(region[keep], kind="stable")]
     places, region = places[keep], region[keep]
     starts = np.searchsorted(region, np.arange(len(regions.names) + 1))
-    ways, goals, way_mm = along_passages(places, distance, passages)
-    tangents = ways if distribution.ahead_mm is None else aims(ways, goals - places, distribution.ahead_mm)
-    chances = _even_chances(region, way_mm) if distribution.even else None
+    beside = bearings(places, distance, passages)
+    ahead_mm = distribution.ahead_mm
+    tangents = beside.way if ahead_mm is None else aims(beside.way, beside.goal_mm - places, ahead_mm)
+    chances = _even_chances(region, beside) if distribution.even else None
     return ViewBank(places, tangents, region, starts, room, distance, regions, distribution, chances)
 
 
@@ -283,13 +284,14 @@ def passages_of(anatomy: Anatomy, distance: SignedDistance) -> tuple[Passage, ..
     return anatomy.passages or find_passages(anatomy, distance)
 
 
-def _even_chances(region: Int[np.ndarray, "m"], way_mm: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m1"]:
-    """Chances, added up, that make each stretch of the way equally likely, but that all regions have chances alike.
+def _even_chances(region: Int[np.ndarray, "m"], beside: Bearings) -> Float[np.ndarray, "m1"]:
+    """Chances, added up, that make each stretch of each passage equally likely, but that all regions have chances alike.
 
     A stretch that a border cuts has its chance in both regions together: the corner of it that lies beyond a border
     would else be seen as often as a whole one.
     """
-    stretch = (way_mm / _STRETCH_MM).astype(np.int64)
+    stretch = (beside.depth_mm / _STRETCH_MM).astype(np.int64)
+    stretch += (stretch.max() + 1) * beside.passage
     chance = 1 / np.bincount(stretch)[stretch]
     chance /= np.bincount(region, chance)[region]
     return np.concatenate([[0.0], np.cumsum(chance)])

@@ -13,6 +13,7 @@ from naris.model.two_layer import TwoLayerConfig
 from naris.train.augment import FEW_PICTURES, SEEN_AGAIN, Augmentation
 
 Precision = Literal["float32", "bfloat16", "auto"]
+_AHEAD = 2
 
 
 @dataclass(frozen=True)
@@ -134,6 +135,15 @@ class TrainConfig:
         ten times the CPU time.
         """
         return self.threads or (cores() if isinstance(self.network, TwoLayerConfig) else max(cores() // 2, 1))
+
+    @property
+    def lessons_ahead(self) -> int:
+        """How many lessons are made beside a step: none where torch computes on every core.
+
+        Threads of torch that wait for the one whose core makes lessons cost more than the lessons do: with two on two
+        cores a step of the demo took half as long again.
+        """
+        return _AHEAD if self.torch_threads < cores() else 0
 
     @property
     def made_of(self) -> TrainConfig:

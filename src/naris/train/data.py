@@ -25,7 +25,6 @@ from naris.train.strangers import strangers
 
 _ORDER, _CHANGE, _RECALL, _STRANGE = 1, 2, 3, 4  # what a random number is for; keeps the uses independent
 _MARGIN = 1.3  # fixed pictures are kept a little larger than the input, so that turning them loses no detail
-_AHEAD = 2
 
 
 @runtime_checkable
@@ -269,7 +268,7 @@ def lessons_of(data: Examples | Stream, config: TrainConfig) -> Lessons:
     return FixedLessons(data, config) if isinstance(data, Examples) else StreamLessons(data, config)
 
 
-def lessons_from(lessons: Lessons, first: int, ahead: int = _AHEAD) -> Generator[Lesson]:
+def lessons_from(lessons: Lessons, first: int, ahead: int) -> Generator[Lesson]:
     """Lessons `first`, `first` + 1, … without end, the next `ahead` of them made on a thread meanwhile."""
     with ThreadPoolExecutor(1, thread_name_prefix="lessons") as pool:
         coming: list[Future[Lesson]] = []

@@ -223,7 +223,7 @@ def _learn(loop: _Loop, watch: Stopwatch) -> None:
     """All steps that are left."""
     config, learner, journal = loop.config, loop.learner, loop.journal
     saved_s, told = time.monotonic(), 0
-    lessons = lessons_from(loop.lessons, learner.steps)
+    lessons = lessons_from(loop.lessons, learner.steps, config.lessons_ahead)
     try:
         with _interrupts() as interrupted:
             while (done := loop.done(journal.wall_s + watch.wall_s)) < 1:
