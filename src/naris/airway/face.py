@@ -22,6 +22,8 @@ _TIP_MM = 1.5
 _BESIDE_MM, _BEHIND_MM, _ABOVE_MM, _BELOW_MM = 20.0, 30.0, 6.0, 30.0  # of the tip of the nose, nostrils open there
 _LEAST_OPENING_MM2 = 4.0
 _MOST_SHARE = 0.9
+_INWARDS_MM = 8.0
+_REACH_MM = 2.5  # of the room into a nostril, beyond a millimetre: 2 of the corner and 1 to 2 of the ball
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,3 +89,20 @@ def nostrils(
     order = [part for part in np.argsort(-sizes[1:], kind="stable") + 1 if sizes[part] >= least]
     nodes = [np.argwhere(parts == part) for part in order]
     return [Opening(one, one.mean(axis=0)) for one in nodes]
+
+
+def nostril_mm(opening: Opening, way: Int[np.ndarray, "n 3"], block: Block) -> Float[np.ndarray, "3"]:
+    """The middle of a nostril in LPS, about a millimetre inside its rim.
+
+    The room reaches further in, where the opening was found: as deep as the ball sags into a hole of that size, and by
+    the corner that is filled.
+
+    Args:
+        opening: where the room meets the airway.
+        way: from the pharynx to this opening.
+        block: whose nodes both are.
+    """
+    inside = way[max(len(way) - 1 - round(_INWARDS_MM / block.step_mm), 0)]
+    across = np.linalg.svd(opening.nodes - opening.middle, full_matrices=False)[2][2]
+    outwards = across if across @ (opening.middle - inside) > 0 else -across
+    return block.points_mm(opening.middle) + _REACH_MM * outwards

@@ -19,7 +19,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, label
 from naris.airway.basins import Basins, basins_of, nasal_parts, wall_mm
 from naris.airway.block import TOUCHING, Block, block_of
 from naris.airway.boundary import air_level
-from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostrils, room_air
+from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostril_mm, nostrils, room_air
 from naris.airway.ways import choana_row, pharynx_nodes, sides, ways_in
 from naris.core.volume import LPS, Volume
 from naris.ct.scan import Finding
@@ -35,6 +35,7 @@ _FLOOR_MM = 25.0  # below the nasal floor the pharynx is cut
 _CLIPPED_MM = 1.0
 _GROWN_MM = 1.0
 _LEAST_ROWS = 20
+_THROUGH_MM = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,8 @@ class Airway:
         labels: (nx, ny, nz) 0 outside, else 1 + the index in `SEGMENTS`.
         block: the lattice and the values that they were found in.
         level: (nx, ny, nz) HU below the boundary to tissue: positive in air.
-        landmarks_mm: (3,) in LPS by name: `left.nostril`, `left.choana`, `left.nasal floor` and those of the right,
+        landmarks_mm: (3,) in LPS by name: `left.nostril` (a millimetre inside its rim), `left.choana` (the
+            middle of what leads on from the last coronal section), `left.nasal floor` and those of the right,
             `anterior tip`, `posterior wall`, `nasopharynx` (its roomiest place).
         findings: what a user should know.
     """
@@ -93,7 +95,8 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     findings = []
     if tip_mm[1] - volume.bounds_mm[0, 1] < _CLIPPED_MM:
         findings.append(Finding("clipped nose", "the scan begins at the tip of the nose, which may be cut", "warning"))
-    landmarks = _landmarks(block, labels, wall, openings, tip_mm)
+    rims = {side: nostril_mm(openings[side], way, block) for side, way in (("right", right), ("left", left))}
+    landmarks = _landmarks(block, labels, wall, rims, tip_mm)
     return Airway(labels, block, level, landmarks, tuple(findings))
 
 
@@ -144,7 +147,7 @@ def _labels(
 ) -> UInt8[np.ndarray, "nx ny nz"]:
     through = np.unique(basins.part[tuple(np.concatenate([right, left]).T)])
     nasal = nasal_parts(basins, through)[basins.part]
-    row = choana_row(nasal, right, left)
+    row = choana_row(nasal, wall, right, left)
     front = nasal.copy()
     front[:, row:] = False
     labels = sides(front, wall, right, left).astype(np.uint8)
@@ -178,7 +181,7 @@ def _landmarks(
     block: Block,
     labels: UInt8[np.ndarray, "nx ny nz"],
     wall: Float32[np.ndarray, "nx ny nz"],
-    openings: dict[str, Opening],
+    nostrils_mm: dict[str, Float[np.ndarray, "3"]],
     tip_mm: Float[np.ndarray, "3"],
 ) -> dict[str, Float[np.ndarray, "3"]]:
     found = {"anterior tip": tip_mm}
@@ -190,8 +193,8 @@ def _landmarks(
                 f"a {side} nasal cavity of some length", f"{len(rows)} rows of it", "segment this scan by hand"
             )
         first, last = int(rows[0]), int(rows[-1])
-        found[f"{side}.nostril"] = block.points_mm(openings[side].middle)
-        found[f"{side}.choana"] = block.points_mm(_middle(np.insert(np.argwhere(of_side[:, last]), 1, last, axis=1)))
+        found[f"{side}.nostril"] = nostrils_mm[side]
+        found[f"{side}.choana"] = block.points_mm(_choana(labels, number, last, round(_THROUGH_MM / block.step_mm)))
         third = (last - first) // 3
         nodes = np.argwhere(of_side[:, first + third : last + 1 - third])
         lowest = nodes[nodes[:, 2].argmin()] + [0, first + third, 0]
@@ -205,6 +208,10 @@ def _landmarks(
     return found
 
 
-def _middle(nodes: Int[np.ndarray, "n 3"]) -> Int[np.ndarray, "3"]:
-    """The node nearest to the mean of all."""
-    return np.asarray(nodes[np.linalg.norm(nodes - nodes.mean(axis=0), axis=1).argmin()])
+def _choana(labels: UInt8[np.ndarray, "nx ny nz"], side: int, last: int, through: int) -> Int[np.ndarray, "3"]:
+    """The middle of what leads on from the last coronal section of a side: above its arch lies a wall behind."""
+    section = labels[:, last] == side
+    behind = labels[:, min(last + through, labels.shape[1] - 1)] == NASOPHARYNX
+    nodes = np.argwhere(section & behind) if (section & behind).any() else np.argwhere(section)
+    i, k = nodes[np.linalg.norm(nodes - nodes.mean(axis=0), axis=1).argmin()]
+    return np.array([i, last, k])

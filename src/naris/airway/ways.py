@@ -13,6 +13,7 @@ from naris.airway.face import Opening
 
 _PHARYNX_BEHIND_MM, _PHARYNX_BESIDE_MM = 45.0, 25.0  # of the tip of the nose
 _NARROW_MM = 0.25
+_JOINED_MM = (2.0, 1.0, 0.0)  # half the width of what joins two sections to one
 
 
 def pharynx_nodes(
@@ -47,28 +48,49 @@ def ways_in(
     return ways
 
 
-def choana_row(nasal: Bool[np.ndarray, "nx ny nz"], right: Int[np.ndarray, "n 3"], left: Int[np.ndarray, "m 3"]) -> int:
-    """The first coronal row (index along y) behind the septum: from there on the ways share one cross-section."""
-    meet = _meeting(right, left)
-    start = max(int(right[:, 1].min()), int(left[:, 1].min()))
-    row = meet
-    while row > start:
-        ours, theirs = (way[way[:, 1] == row - 1] for way in (right, left))
-        parts, _ = label(nasal[:, row - 1, :])
-        sections = [set(parts[one[:, 0], one[:, 2]].tolist()) - {0} for one in (ours, theirs)]
-        if not all(sections) or sections[0].isdisjoint(sections[1]):
+def choana_row(
+    nasal: Bool[np.ndarray, "nx ny nz"],
+    room_mm: Float32[np.ndarray, "nx ny nz"],
+    right: Int[np.ndarray, "n 3"],
+    left: Int[np.ndarray, "m 3"],
+) -> int:
+    """The first coronal row (index along y) behind the septum: from there on the ways share one cross-section.
+
+    Sections count as one where they are joined widely: a septum as thin as a voxel has holes in a scan. In a nose that
+    is narrow throughout, less will do.
+
+    Args:
+        nasal: the air of the nose.
+        room_mm: of each node to the wall.
+        right, left: the ways from the pharynx to the nostrils.
+    """
+    last = min(int(right[:, 1].max()), int(left[:, 1].max()))
+    for least_mm in _JOINED_MM:
+        row = _first_shared(nasal & (room_mm >= least_mm), right, left)
+        if row is not None:
+            return row
+    return last
+
+
+def _first_shared(
+    air: Bool[np.ndarray, "nx ny nz"], right: Int[np.ndarray, "n 3"], left: Int[np.ndarray, "m 3"]
+) -> int | None:
+    """The foremost of the rows, in a line from the hindmost on, in which both ways run through one piece of air."""
+    first = max(int(right[:, 1].min()), int(left[:, 1].min()))
+    last = min(int(right[:, 1].max()), int(left[:, 1].max()))
+    row = None
+    for candidate in range(last, first - 1, -1):
+        parts, _ = label(air[:, candidate, :])
+        ours, theirs = (_parts_of(parts, way[way[:, 1] == candidate]) for way in (right, left))
+        if not ours.isdisjoint(theirs):
+            row = candidate
+        elif row is not None:
             break
-        row -= 1
     return row
 
 
-def _meeting(one: Int[np.ndarray, "n 3"], other: Int[np.ndarray, "m 3"]) -> int:
-    """The row in which the second way runs into the first."""
-    taken = {tuple(node) for node in one.tolist()}
-    for node in other.tolist():
-        if tuple(node) in taken:
-            return int(node[1])
-    return int(other[-1, 1])
+def _parts_of(parts: Int[np.ndarray, "nx nz"], nodes: Int[np.ndarray, "n 3"]) -> set[int]:
+    return set(parts[nodes[:, 0], nodes[:, 2]].tolist()) - {0}
 
 
 def sides(
