@@ -1,16 +1,22 @@
-"""What the numbers of a command line may be, for the options of every verb, by their names.
+"""What holds for the options of every verb: those that may be left out, what their numbers may be, where they apply.
 
-They are looked at before a verb begins, so that a wrong one costs a sentence and touches no folder.
+Numbers are looked at before a verb begins, so that a wrong one costs a sentence and touches no folder.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated, Any, TypeVar
+
+import tyro
 
 from naris.errors import InputError
+
+T = TypeVar("T")
+IfGiven = Annotated[T | None, tyro.conf.DisallowNone, tyro.conf.arg(help_behavior_hint="(optional)")]
+"""An option that is None where it is not given; its help says in words what happens then, and never `None`."""
 
 
 @dataclass(frozen=True)
@@ -79,4 +85,26 @@ def check_numbers(options: Any) -> None:
         value, allowed = getattr(options, field.name), ALLOWED.get(field.name, Range())
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, (int, float)) and number not in allowed:
-                raise InputError(f"--{field.name.replace('_', '-')} {allowed}", f"{number}", "correct it")
+                raise InputError(f"{flag(field.name)} {allowed}", f"{number}", "correct it")
+
+
+def flag(name: str) -> str:
+    """An option as it is typed."""
+    return f"--{name.replace('_', '-')}"
+
+
+def refuse(options: Any, names: Sequence[str], unless: str, got: str) -> None:
+    """See that none of some options was given: one without effect must not be passed over in silence.
+
+    Args:
+        options: the verb's frozen dataclass, where an option that is not given is None.
+        names: of the options that have no effect here.
+        unless: where they have one, such as `only with an anatomy`.
+        got: what there is instead.
+
+    Raises:
+        InputError: if one was given; the message names it.
+    """
+    given = [flag(name) for name in names if getattr(options, name) is not None]
+    if given:
+        raise InputError(f"{', '.join(given)} {unless}", got, f"leave {'it' if len(given) == 1 else 'them'} out")

@@ -63,8 +63,7 @@ def write_dicom(volume: Volume, folder: Path, name: str, progress: Progress = SI
     across = float(volume.axes[:, 0] @ volume.axes[:, 1])
     if abs(across) > 1e-4:
         raise ScanError("rows and columns at right angles", f"a cosine of {across:.4f}", "resample the volume")
-    if folder.exists() and (not folder.is_dir() or any(not p.name.startswith(".") for p in folder.iterdir())):
-        raise ScanError(f"a new or empty folder at {folder}", "files", "give another folder")
+    check_series_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     hu = np.clip(np.rint(volume.hu), _INTERCEPT, np.iinfo(np.int16).max + _INTERCEPT).astype(np.int16)
     key = hashlib.sha256(hu.tobytes() + volume.frame_T_index.tobytes() + name.encode()).hexdigest()
@@ -74,6 +73,16 @@ def write_dicom(volume: Volume, folder: Path, name: str, progress: Progress = SI
             with replacing(path, durable=False) as part:
                 pydicom.dcmwrite(part, _slice(volume, hu, k, key, name), enforce_file_format=True)
             advance(1)
+
+
+def check_series_folder(folder: Path) -> None:
+    """See that a series can be written to a folder: it is new or empty, but for hidden files.
+
+    Raises:
+        ScanError: if it is not; a slice of another series in it would be read as one of this.
+    """
+    if folder.exists() and (not folder.is_dir() or any(not p.name.startswith(".") for p in folder.iterdir())):
+        raise ScanError(f"a new or empty folder at {folder}", "files", "give another folder")
 
 
 def _slice(volume: Volume, hu: Int16[np.ndarray, "ni nj nk"], k: int, key: str, name: str) -> FileDataset:
