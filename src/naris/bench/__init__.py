@@ -26,6 +26,7 @@ class Benchmark(NamedTuple):
 BENCHMARKS: Mapping[str, Benchmark] = {
     "render": Benchmark("naris.bench.render", "speed of the renderer beside others, and whether it is right"),
     "simulate": Benchmark("naris.bench.simulate", "seconds for 1,420 pictures on disk"),
+    "anatomy": Benchmark("naris.bench.anatomy", "noses found in simulated and real CTs beside the truth"),
     "demo": Benchmark("naris.bench.demo", "what naris demo comes to, and its seconds"),
     "reproduce": Benchmark("naris.bench.reproduce", "the published experiment, every network on every split"),
 }
@@ -41,6 +42,7 @@ class BenchRequest:
         seed: of everything random.
         anatomy: a surface file or a saved anatomy, the word `builtin`, or None for what the benchmark is defined on.
         texture: a picture for the walls, or None.
+        scans: a folder with real scans for `anatomy`, or None.
         work: a folder to write in, that `reproduce` keeps and takes up again; None for a temporary one.
         progress: where long work reports to.
     """
@@ -49,6 +51,7 @@ class BenchRequest:
     seed: int = 0
     anatomy: str | None = None
     texture: Path | None = None
+    scans: Path | None = None
     work: Path | None = None
     progress: Progress = SILENT
 

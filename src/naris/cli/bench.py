@@ -12,6 +12,8 @@ import tyro
 
 from naris.bench import BENCHMARKS
 from naris.cli.console import Console
+from naris.cli.options import IfGiven, refuse
+from naris.errors import InputError
 
 if TYPE_CHECKING:
     from naris.bench.result import BenchResult, Figure
@@ -30,15 +32,20 @@ class Options:
     ]
     quick: bool = False
     """At most 60 s on two cores, with fewer trials."""
-    anatomy: Annotated[str | None, tyro.conf.arg(metavar="FILE|builtin")] = None
-    """What to measure on; by default the published mean nose (naris fetch mean-nose)."""
-    texture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """A picture that colours the walls; by default that of the mean nose."""
+    anatomy: Annotated[IfGiven[str], tyro.conf.arg(metavar="FILE|builtin")] = None
+    """What to measure on; by default the published mean nose (naris fetch mean-nose). Not for anatomy and demo, which
+    have the built-in one."""
+    texture: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
+    """A picture that colours the walls; by default that of the mean nose. Not for anatomy and demo."""
+    scans: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
+    """Real scans for the benchmark anatomy: a folder with nasalseg-p001/P001_img.nrrd and P001_seg.nrrd (case P001 of
+    NasalSeg) and ct-head/ct_head.nii.gz (of the Python package dicom2stl); figures of those that are missing are left
+    out."""
     seed: int = 0
     """Of everything random."""
-    work: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    work: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
     """Where benchmarks write; by default a temporary folder. Only reproduce keeps it, and goes on there later."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None
+    out: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None
     """Write the result there too, as JSON."""
 
 
@@ -47,11 +54,18 @@ def run(options: Options, console: Console) -> int:
     from naris.bench import BenchRequest, run_benchmark
     from naris.core.atomic import write_json
 
+    if options.name in ("anatomy", "demo"):
+        refuse(options, ("anatomy", "texture"), "only with another benchmark", options.name)
+    if options.name != "anatomy":
+        refuse(options, ("scans",), "only with the benchmark anatomy", options.name)
+    elif options.scans is not None and not options.scans.is_dir():
+        raise InputError(f"a folder of scans at {options.scans}", "none", "check the path")
     request = BenchRequest(
         quick=options.quick,
         seed=options.seed,
         anatomy=options.anatomy,
         texture=options.texture,
+        scans=options.scans,
         work=options.work,
         progress=console.progress,
     )
@@ -85,7 +99,7 @@ def _told(result: BenchResult) -> str:
 
 
 def _row(figure: Figure) -> tuple[str, ...]:
-    value = "not measured" if figure.value is None else _number(figure.value, figure.unit)
+    value = "no value" if figure.value is None else _number(figure.value, figure.unit)
     goal = "" if figure.goal is None else f"goal {'≥' if figure.better == 'higher' else '≤'} {figure.goal:g}"
     verdict = {True: "reached", False: "missed", None: ""}[figure.reached]
     interval = "" if figure.interval is None else f"[{figure.interval[0]:.4g}, {figure.interval[1]:.4g}]"

@@ -1,0 +1,241 @@
+"""How near to the truth a nose comes that was found in a CT: virtual patients there and back, and real scans.
+
+A **round trip**: a nose of drawn parameters, its CT, the nose found in it. Real scans have no whole truth: one has
+expert labels, of the other only the time is told. They are no part of naris; where they are not given (`--scans`),
+their figures have no value.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import nrrd
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from naris.airway.segment import LEFT, NASOPHARYNX, RIGHT, Airway, segment_airway
+from naris.anatomy.builtin import built_in_nose
+from naris.anatomy.builtin.variation import drawn_parameters
+from naris.anatomy.distance import signed_distance
+from naris.anatomy.level_set import surface
+from naris.anatomy.scanned import anatomy_of_airway
+from naris.anatomy.virtual_ct import Scanner, virtual_ct
+from naris.bench import BenchRequest, Measurement
+from naris.bench.result import Figure
+from naris.core.anatomy import Anatomy
+from naris.core.provenance import file_digest
+from naris.core.volume import LPS, Volume
+from naris.ct.read import read_scan
+from naris.ct.write import write_nrrd
+from naris.errors import NarisError, ScanError
+
+TRIPS, QUICK_TRIPS = 30, 1
+SCANNER = Scanner(spacing_mm=(0.5, 0.5, 1.0), noise_hu=25.0)
+LABELLED, LABELS = Path("nasalseg-p001/P001_img.nrrd"), Path("nasalseg-p001/P001_seg.nrrd")
+HEAD = Path("ct-head/ct_head.nii.gz")
+LARGE = (512, 512, 400)
+EXPERT = {"right": (RIGHT, 3), "left": (LEFT, 4)}
+"""Our label and the expert's of either side; the expert's nasopharynx is 5."""
+
+_OPEN_MM = 8.0  # around a nostril the truth ends where a scan goes on
+_POINTS = ("left.nostril", "right.nostril", "left.choana", "right.choana")
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Trip:
+    """What a round trip came to.
+
+    Attributes:
+        off_mm: distances between the surfaces, both ways, but near the nostrils.
+        landmarks_mm: by name, how far each lies from where it was made.
+        genus: of the surface that was found.
+    """
+
+    off_mm: Float[np.ndarray, "n"]
+    landmarks_mm: Mapping[str, float]
+    genus: int
+
+
+def measure(request: BenchRequest) -> Measurement:
+    """Round trips, and the real scans in the folder `request.scans` if there is one."""
+    count = QUICK_TRIPS if request.quick else TRIPS
+    trips: list[Trip] = []
+    refused = 0
+    with request.progress.task("round trips", count) as advance:
+        for number in range(count):
+            try:
+                trips.append(round_trip(request.seed, number))
+            except NarisError as error:
+                _LOG.warning("round trip %d found no nose: %s", number, error)
+                refused += 1
+            advance(1)
+    figures = [*_of_trips(trips, refused), *_of_labelled(request.scans), _of_head(request.scans, request.quick)]
+    return Measurement(tuple(figures), _inputs(request.scans))
+
+
+def round_trip(seed: int, number: int) -> Trip:
+    """One virtual patient, there and back.
+
+    Raises:
+        NarisError: if no nose is found in its scan.
+    """
+    truth = built_in_nose(drawn_parameters(np.random.default_rng([seed, number])))
+    airway = segment_airway(virtual_ct(truth, SCANNER, seed + number))
+    made = anatomy_of_airway(airway, "found", "a virtual CT")
+    marks = {name: float(np.linalg.norm(airway.landmarks_mm[name] - truth.landmarks_mm[name])) for name in _POINTS}
+    nostrils = np.stack([truth.landmarks_mm[f"{side}.nostril"] for side in EXPERT])
+    return Trip(apart_mm(made.anatomy, truth, nostrils), marks, made.genus)
+
+
+def apart_mm(
+    one: Anatomy, other: Anatomy, but_near_mm: Float[np.ndarray, "k 3"] | None = None
+) -> Float[np.ndarray, "n"]:
+    """How far the vertices of either surface lie from the other surface; those near some points are left out."""
+    found = []
+    for from_, to in ((one, other), (other, one)):
+        points = from_.vertices_mm
+        if but_near_mm is not None:
+            near = np.linalg.norm(points[:, None] - but_near_mm, axis=-1).min(axis=1) < _OPEN_MM
+            points = points[~near]
+        found.append(signed_distance(to).closest(points).distance_mm)
+    return np.concatenate(found)
+
+
+def dice(one: Bool[np.ndarray, "*n"], other: Bool[np.ndarray, "*n"]) -> float:
+    """Twice what two masks share over what both have (L. Dice 1945)."""
+    return 2 * float((one & other).sum()) / max(float(one.sum() + other.sum()), 1.0)
+
+
+def on_voxels(airway: Airway, volume: Volume) -> UInt8[np.ndarray, "ni nj nk"]:
+    """The label of an airway at each voxel of the scan that it was found in."""
+    voxels = np.stack(np.meshgrid(*[np.arange(n) for n in volume.shape], indexing="ij"), -1)
+    block = airway.block
+    index = np.rint((volume.points_mm(voxels) - block.origin_mm) / block.step_mm).astype(np.int64)
+    inside = ((index >= 0) & (index < airway.labels.shape)).all(axis=-1)
+    found = np.zeros(volume.shape, np.uint8)
+    found[inside] = airway.labels[tuple(index[inside].T)]
+    return found
+
+
+def _of_trips(trips: Sequence[Trip], refused: int) -> list[Figure]:
+    n = len(trips)
+    base = "anatomy.roundtrip"
+    off = np.concatenate([trip.off_mm for trip in trips]) if trips else np.zeros(0)
+    marks = np.array([list(trip.landmarks_mm.values()) for trip in trips])
+    per_trip = [float(trip.off_mm.mean()) for trip in trips]
+    ends = (min(per_trip), max(per_trip)) if n > 1 else None
+    return [
+        Figure(f"{base}.refused", float(refused), "noses", n + refused, "lower", 0.0),
+        Figure(f"{base}.surface_mm", float(off.mean()) if n else None, "mm", n, "lower", 0.25, ends),
+        Figure(f"{base}.surface_p95_mm", float(np.percentile(off, 95)) if n else None, "mm", n, "lower", 0.8),
+        Figure(f"{base}.landmarks_mm", float(marks.mean()) if n else None, "mm", marks.size, "lower", 2.0),
+        Figure(f"{base}.landmarks_worst_mm", float(marks.max()) if n else None, "mm", marks.size, "lower"),
+        *(
+            Figure(
+                f"{base}.{name.replace(' ', '_')}_mm",
+                _mean(trip.landmarks_mm[name] for trip in trips),
+                "mm",
+                n,
+                "lower",
+            )
+            for name in _POINTS
+        ),
+        Figure(f"{base}.genus_most", float(max(trip.genus for trip in trips)) if n else None, "handles", n, "lower"),
+    ]
+
+
+def _mean(values: Iterable[float]) -> float | None:
+    listed = list(values)
+    return float(np.mean(listed)) if listed else None
+
+
+def _of_labelled(scans: Path | None) -> list[Figure]:
+    """The scan with expert labels: Dice of all and of either side, and the distance between the surfaces."""
+    values: dict[str, float] = {}
+    if scans is not None and (scans / LABELLED).is_file() and (scans / LABELS).is_file():
+        values = _against_experts(scans / LABELLED, scans / LABELS)
+    base, n = "anatomy.p001", 1 if values else 0
+    goals = {"dice": 0.86, "right_dice": 0.83, "left_dice": 0.83}
+    figures = [Figure(f"{base}.{name}", values.get(name), "1", n, "higher", goal) for name, goal in goals.items()]
+    return [*figures, Figure(f"{base}.surface_mm", values.get("surface_mm"), "mm", n, "lower", 0.5)]
+
+
+def _against_experts(scan: Path, labels: Path) -> dict[str, float]:
+    volume = read_scan(scan).volume
+    expert, _ = nrrd.read(str(labels))
+    airway = segment_airway(volume)
+    found, cavities = on_voxels(airway, volume), expert >= min(label for _, label in EXPERT.values())
+    made = anatomy_of_airway(airway, "found", "a real CT").anatomy
+    values = {
+        "dice": dice(np.isin(found, (RIGHT, LEFT, NASOPHARYNX)), cavities),
+        "surface_mm": float(apart_mm(made, _surface_of(cavities, volume)).mean()),
+    }
+    sides = {f"{side}_dice": dice(found == ours, expert == theirs) for side, (ours, theirs) in EXPERT.items()}
+    return values | sides
+
+
+def _surface_of(mask: Bool[np.ndarray, "ni nj nk"], volume: Volume) -> Anatomy:
+    """Half-way between the voxels in a mask and those beside it."""
+    padded = np.pad(np.where(mask, 1.0, -1.0), 1, constant_values=-1.0)
+    nodes, faces = surface(padded, np.full(3, -1.0), 1.0)
+    return Anatomy(volume.points_mm(nodes), faces, LPS, "expert labels", "a mask")
+
+
+def _of_times(scans: Path | None, quick: bool) -> list[Figure]:
+    """How long `naris anatomy from-ct` takes, in a process of its own: a real head, and a large simulated CT."""
+    head = None if scans is None or quick or not (scans / HEAD).is_file() else _timed(scans / HEAD)
+    large = None
+    if not quick:
+        with tempfile.TemporaryDirectory(prefix="naris-bench-anatomy-") as folder:
+            path = Path(folder) / "large.nrrd"
+            write_nrrd(_large(), path)
+            large = _timed(path)
+    return [
+        Figure("anatomy.ct_head.seconds", head and head[0], "s", int(head is not None), "lower", 60.0),
+        Figure("anatomy.large_ct.seconds", large and large[0], "s", int(large is not None), "lower", 180.0),
+        Figure("anatomy.large_ct.peak_gb", large and large[1], "GB", int(large is not None), "lower", 6.0),
+    ]
+
+
+def _large() -> Volume:
+    """The CT of the built-in nose with its edges repeated outwards to `LARGE` voxels."""
+    scan = virtual_ct(built_in_nose(), SCANNER)
+    before = [(want - have) // 2 for want, have in zip(LARGE, scan.shape, strict=True)]
+    pads = [(low, want - have - low) for low, want, have in zip(before, LARGE, scan.shape, strict=True)]
+    matrix = scan.frame_T_index.copy()
+    matrix[:3, 3] = scan.points_mm(-np.array(before, dtype=np.float64))
+    return Volume(np.pad(scan.hu, pads, mode="edge"), matrix)
+
+
+def _timed(scan: Path) -> tuple[float, float]:
+    """Wall seconds of `naris anatomy from-ct` and the most memory that it took, in GB.
+
+    Raises:
+        ScanError: if it did not make an anatomy.
+    """
+    with tempfile.TemporaryDirectory(prefix="naris-bench-anatomy-") as folder:
+        words = [sys.executable, "-m", "naris", "anatomy", "from-ct", str(scan), "-o", f"{folder}/out", "--quiet"]
+        begun = time.perf_counter()
+        child = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+        _, status, used = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        if child.returncode:
+            raise ScanError(f"an anatomy from {scan.name}", f"exit status {child.returncode}", "see the line above")
+        return time.perf_counter() - begun, used.ru_maxrss * 1024 / 1e9
+
+
+def _inputs(scans: Path | None) -> dict[str, str]:
+    told = {"round trips": f"built-in noses of drawn parameters, {SCANNER}"}
+    for path in (LABELLED, LABELS, HEAD):
+        if scans is not None and (scans / path).is_file():
+            told[path.name] = f"SHA-256 {file_digest(scans / path)}"
+    return told

@@ -1,0 +1,78 @@
+"""The benchmark of noses found in CTs: its distances and overlaps on shapes whose answer is known, and a small run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from naris.bench import BenchRequest
+from naris.bench.anatomy import (
+    HEAD,
+    LABELLED,
+    _of_labelled,
+    _of_times,
+    _of_trips,
+    _surface_of,
+    apart_mm,
+    dice,
+    measure,
+)
+from naris.core.anatomy import Anatomy
+from naris.core.volume import Volume
+
+
+def ball(radius_mm: float) -> Anatomy:
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=radius_mm)
+    return Anatomy(
+        np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), "LPS", f"ball of {radius_mm}", "made up"
+    )
+
+
+def test_concentric_balls_lie_apart_by_the_difference_of_their_radii() -> None:
+    off = apart_mm(ball(10.0), ball(10.5))
+    assert off.mean() == pytest.approx(0.5, abs=0.02)
+    assert off.max() < 0.55
+    top = np.array([[0.0, 0.0, 10.0]])
+    assert len(apart_mm(ball(10.0), ball(10.5), top)) < len(off)
+
+
+def test_the_overlap_of_masks() -> None:
+    one, other = np.zeros(10, bool), np.zeros(10, bool)
+    one[:4], other[2:8] = True, True
+    assert dice(one, other) == pytest.approx(2 * 2 / 10)
+    assert dice(one, one) == 1.0
+    assert dice(~one & one, one) == 0.0
+
+
+def test_the_surface_of_a_mask_lies_where_the_mask_does() -> None:
+    """A ball of voxels in a scan with its axes turned and slices twice as far apart."""
+    matrix = np.array([[0.0, 0.5, 0, 10], [0.5, 0, 0, 20], [0, 0, 1.0, 30], [0, 0, 0, 1]])
+    volume = Volume(np.zeros((60, 60, 30), np.int16), matrix)
+    at = volume.points_mm(np.stack(np.meshgrid(*[np.arange(n) for n in volume.shape], indexing="ij"), -1))
+    middle = volume.points_mm(np.array([30.0, 30, 15]))
+    made = _surface_of(np.linalg.norm(at - middle, axis=-1) < 10, volume)
+    np.testing.assert_allclose(np.linalg.norm(made.vertices_mm - middle, axis=1), 10, atol=0.6)
+
+
+def test_without_scans_their_figures_have_no_value(tmp_path: Path) -> None:
+    for figures in (_of_labelled(None), _of_labelled(tmp_path), _of_times(tmp_path, quick=True)):
+        assert {(figure.value, figure.n) for figure in figures} == {(None, 0)}
+
+
+def test_refused_noses_are_counted_not_passed_over() -> None:
+    figures = {figure.name: figure for figure in _of_trips([], refused=2)}
+    assert (figures["anatomy.roundtrip.refused"].value, figures["anatomy.roundtrip.refused"].n) == (2.0, 2)
+    assert figures["anatomy.roundtrip.surface_mm"].value is None
+
+
+@pytest.mark.slow
+def test_one_round_trip_and_the_labelled_scan(shared_data: Path) -> None:
+    assert (shared_data / LABELLED).is_file() == (shared_data / HEAD).is_file()
+    figures = {one.name: one for one in measure(BenchRequest(quick=True, scans=shared_data)).figures}
+    assert figures["anatomy.roundtrip.surface_mm"].value < 0.15
+    assert figures["anatomy.p001.dice"].value > 0.88
+    assert figures["anatomy.p001.surface_mm"].value < 0.6
+    assert figures["anatomy.large_ct.seconds"].value is None
