@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -121,6 +121,42 @@ def test_ctrl_c_stops_every_run_with_its_state_written(tmp_path: Path, to: str) 
         f"seed-0/{STATE}",
         f"seed-1/{STATE}",
     ]
+
+
+@pytest.mark.slow
+def test_runs_end_with_a_parent_that_is_killed_and_leave_their_state(tmp_path: Path) -> None:
+    child = subprocess.Popen(
+        [sys.executable, "-c", CHILD, str(tmp_path)],
+        cwd=REPOSITORY,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        assert child.stdout is not None
+        assert {child.stdout.readline().strip() for _ in range(2)} == {"seed 0", "seed 1"}
+        child.kill()
+        child.wait()
+        until = time.monotonic() + LONG_S
+        while _in_session(child.pid) and time.monotonic() < until:
+            time.sleep(0.2)
+        assert _in_session(child.pid) == []
+    finally:
+        for left in _in_session(child.pid):
+            os.kill(left, signal.SIGKILL)
+    assert sorted(path.parent.name for path in tmp_path.rglob(STATE)) == ["seed-0", "seed-1"]
+
+
+def _in_session(leader: int) -> list[int]:
+    """The processes of a session that still run."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
+            if int(session) == leader and state != "Z":
+                found.append(int(stat.parent.name))
+    return found
 
 
 @pytest.mark.slow

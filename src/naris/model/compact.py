@@ -167,6 +167,10 @@ class Compact(nn.Module):
         modules = (self.stem, self.stages, self.reduce, self.embed)
         return [weight for module in modules for weight in module.parameters() if weight.ndim > 1]
 
+    def first_layers(self, count: int) -> list[nn.Module]:
+        """The stem and the blocks after it, `count` in all."""
+        return [self.stem, *self.stages][:count]
+
     def forward(self, images: Shaped[Tensor, "b h w 3"]) -> CompactOutput:
         """Of RGB pictures (B, input_px, input_px, 3), values 0–255, uint8 or floating point."""
         maps = self.stages(self.stem(patches(images)))

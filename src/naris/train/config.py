@@ -81,6 +81,8 @@ class TrainConfig:
         loss: of the compact network.
         augmentation: None shows pictures as they are.
         replay: of a stream; None shows every view once.
+        frozen: first layers of the compact network (its stem, then its blocks) that stay as they began, which leaves
+            more time for the others; for a training that starts from weights that know such pictures.
         strangers: share of a batch that is pictures of something else (compact network only).
         validation_share: of the trajectories of a fixed set that are kept apart to calibrate the network.
         precision: of the compact network's maps; `auto` is bfloat16 where the processor computes in it.
@@ -101,6 +103,7 @@ class TrainConfig:
     loss: LossWeights = COMPACT_LOSS
     augmentation: Augmentation | None = None
     replay: Replay | None = None
+    frozen: int = 0
     strangers: float = 0.0
     validation_share: float = 0.0
     precision: Precision = "float32"
@@ -140,8 +143,7 @@ class TrainConfig:
     def lessons_ahead(self) -> int:
         """How many lessons are made beside a step: none where torch computes on every core.
 
-        Threads of torch that wait for the one whose core makes lessons cost more than the lessons do: with two on two
-        cores a step of the demo took half as long again.
+        Threads of torch that wait for the one whose core makes lessons cost more than the lessons do.
         """
         return _AHEAD if self.torch_threads < cores() else 0
 
@@ -194,9 +196,10 @@ COMPACT_DEMO = COMPACT_AT_WILL.lasting(budget_s=140.0).with_(
     muon=Muon(learning_rate=3e-3),
     average=0.995,
     replay=Replay(times=8, memory=96),
+    frozen=2,
 )
 """The same in three to four minutes, from weights that know other noses (`naris.experiment.start_weights`).
 
-Smaller pictures that are shown more often leave time for many more steps, which is what so short a training lacks;
-lower rates keep what the weights know.
+Smaller pictures that are shown more often, and first layers that stay as they are, leave time for many more steps,
+which is what so short a training lacks; lower rates keep what the weights know.
 """

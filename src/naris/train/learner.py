@@ -86,6 +86,8 @@ class Learner:
             if start is None:
                 self.network.position_mean_mm[:] = torch.from_numpy(positions_mm.mean(axis=0))
                 self.network.position_scale_mm[:] = torch.from_numpy(np.maximum(positions_mm.std(axis=0), 1.0))
+            for layer in self._frozen():
+                layer.requires_grad_(False)
         self.optimiser = Optimiser(self.network, config, precision)
         self.average = [value.clone() for value in _numbers(self.network)] if config.average else []
         self.steps = 0
@@ -93,6 +95,8 @@ class Learner:
     def step(self, lesson: Lesson, done: float) -> list[float]:
         """Learn from one lesson at a share `done` of the training; the parts of the loss (`PARTS`)."""
         self.network.train()
+        for layer in self._frozen():
+            layer.eval()  # its norms keep the means that they know, too
         losses = self._losses(lesson)
         losses.total.backward()  # type: ignore[no-untyped-call]
         self.optimiser.step(rate(self.config, done))
@@ -137,6 +141,9 @@ class Learner:
         except (LookupError, ValueError, RuntimeError) as error:
             raise CheckpointError("the state of this training", f"another one ({error})", "start anew") from error
         self.steps = steps
+
+    def _frozen(self) -> list[nn.Module]:
+        return self.network.first_layers(self.config.frozen) if isinstance(self.network, Compact) else []
 
     def _losses(self, lesson: Lesson) -> Losses:
         images, region = torch.from_numpy(lesson.images), torch.from_numpy(lesson.region.astype(np.int64))

@@ -36,8 +36,9 @@ class Optimiser:
     def __init__(self, network: nn.Module, config: TrainConfig, precision: str) -> None:
         kind = torch.optim.AdamW if config.adam.decoupled else torch.optim.Adam
         inner = network.inner_weights() if config.muon is not None and isinstance(network, Compact) else []
+        inner = [weight for weight in inner if weight.requires_grad]
         known = {id(weight) for weight in inner}
-        outer = [weight for weight in network.parameters() if id(weight) not in known]
+        outer = [weight for weight in network.parameters() if weight.requires_grad and id(weight) not in known]
         self._parts: list[torch.optim.Optimizer] = [kind(_groups(outer, config), config.adam.learning_rate, fused=True)]
         if config.muon is not None and inner:
             kept = torch.bfloat16 if precision == "bfloat16" else torch.float32

@@ -7,9 +7,11 @@ waiting for its other half.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import shutil
 import signal
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
@@ -31,6 +33,8 @@ _POLL_S = 0.2
 _PICTURES = ".pictures-"
 _inbox: Queue[tuple[int, str, int]] | None = None
 _stop: Event | None = None
+_alone = threading.Event()
+_at_work = threading.Lock()
 
 
 def train_runs(
@@ -45,7 +49,7 @@ def train_runs(
     """One training a seed, in the folders `out/seed-<seed>`; finished ones are read, interrupted ones go on.
 
     On Ctrl-C every run that has begun ends its step and writes its state, no other begins, and KeyboardInterrupt is
-    raised; so it is with the runs beside one that fails.
+    raised; so it is with the runs beside one that fails, and with those whose parent was killed.
 
     Args:
         examples: what all runs learn from.
@@ -119,18 +123,30 @@ def _attach(inbox: Queue[tuple[int, str, int]], stop: Event) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed stops nobody: its workers would go on for hours, and then wait for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        _alone.set()
+        with _at_work:  # a training that goes on writes its state first
+            os._exit(1)
 
 
 def _stopped() -> bool:
-    return _stop is not None and _stop.is_set()
+    return _alone.is_set() or (_stop is not None and _stop.is_set())
 
 
 def _one(pictures: Path, shape: tuple[int, ...], light: tuple, config: TrainConfig, folder: Path) -> TrainingRun:
-    if _stopped():
-        raise KeyboardInterrupt
     region, poses, subject, group = light
-    examples = Examples(np.memmap(pictures, np.uint8, "r", shape=shape), region, poses, subject, group)
-    return train(examples, config, folder, progress=_Remote(config.seed))
+    with _at_work:
+        if _stopped():
+            raise KeyboardInterrupt
+        examples = Examples(np.memmap(pictures, np.uint8, "r", shape=shape), region, poses, subject, group)
+        return train(examples, config, folder, progress=_Remote(config.seed))
 
 
 class _Remote:
