@@ -1,9 +1,9 @@
 """Draws the figures of `builtin_nose.md` and writes its parameter table and measured figures between their markers.
 
-    python docs/make_builtin_nose_figures.py [--data ../shared/data]
+    python docs/make_builtin_nose_figures.py [--data ../shared/data] [--tables]
 
-The CT sections need SimpleITK and the development data; without them the page keeps the figures that it has, and this
-says so. Everything else comes from the package alone.
+With `--tables`, no figure is drawn anew. The CT sections need SimpleITK and the development data; without them the page
+keeps the figures that it has, and this says so. Everything else comes from the package alone.
 """
 
 from __future__ import annotations
@@ -99,28 +99,34 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     default = os.environ.get("NARIS_TEST_DATA") or HERE.parent.parent / "shared" / "data"
     parser.add_argument("--data", type=Path, default=Path(default), help="folder with the CTs")
+    parser.add_argument("--tables", action="store_true", help="draw no figure")
     arguments = parser.parse_args()
-    FIGURES.mkdir(exist_ok=True)
     begin = time.process_time()
     nose = built_in_nose()
     cpu_s = time.process_time() - begin
     distance = signed_distance(nose)
-    draw_views(nose)
-    draw_regions(nose, distance)
-    cts = [read_ct(place, arguments.data) for place in CTS]
-    missing = [place.name for place, ct in zip(CTS, cts, strict=True) if ct is None]
-    if missing:
-        print(f"no CT data for {', '.join(missing)}: the section figures stay as they are", file=sys.stderr)
-    else:
-        draw_sections(distance, cts)
-        compared = draw_areas(distance, cts[0])
+    compared = None if arguments.tables else draw(nose, distance, arguments.data)
     page = PAGE.read_text()
-    if not missing:
+    if compared is not None:
         page = between(page, "compared", compared)
     page = between(page, "parameters", parameter_table())
     page = between(page, "measured", measured(nose, distance, cpu_s))
     PAGE.write_text(page)
     return 0
+
+
+def draw(nose: Anatomy, distance: SignedDistance, data: Path) -> str | None:
+    """Every figure that can be drawn here; Markdown of the comparison with a CT, None without the CTs."""
+    FIGURES.mkdir(exist_ok=True)
+    draw_views(nose)
+    draw_regions(nose, distance)
+    cts = [read_ct(place, data) for place in CTS]
+    missing = [place.name for place, ct in zip(CTS, cts, strict=True) if ct is None]
+    if missing:
+        print(f"no CT data for {', '.join(missing)}: the section figures stay as they are", file=sys.stderr)
+        return None
+    draw_sections(distance, cts)
+    return draw_areas(distance, cts[0])
 
 
 def between(page: str, name: str, text: str) -> str:
@@ -157,8 +163,9 @@ def measured(nose: Anatomy, distance: SignedDistance, cpu_s: float) -> str:
             f"| least coronal section between sill and turbinate, {side} | {min(areas):.0f} mm² (y = {at:g}) |"
         )
     for passage in nose.passages:
-        least = passage.clearance_mm[10:].min()
-        lines.append(f"| passage `{passage.name}` | {passage.length_mm:.0f} mm, clearance at least {least:.1f} mm |")
+        # With as many digits as `naris anatomy builtin --json` has, so that a reader finds the very numbers.
+        room = f"{passage.clearance_mm.min():.2f}–{passage.clearance_mm.max():.2f} mm"
+        lines.append(f"| passage `{passage.name}` | {passage.length_mm:.0f} mm, from its middle to the wall {room} |")
     lines.append(f"| made in | {cpu_s:.1f} CPU-s, passages included |")
     return "\n".join(lines) + "\n"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -58,6 +59,14 @@ def test_values_are_those_of_the_runs(data: ReportData) -> None:
     assert figure.n == 5 * 150
     assert figure.interval == test.interval
     assert figures["reproduce.two_layer.trajectory.nonneighbour_error"].n == round(750 * (1 - test.mean))
+
+
+def test_without_wrong_answers_their_share_has_no_value(data: ReportData) -> None:
+    test = data.networks[0].tests[0]
+    right = replace(test, runs=(replace(test.runs[0], confusion=np.diag([3, 4, 5, 6])),))
+    figures = reproduce_figures(replace(data, networks=(replace(data.networks[0], tests=(right,)),)))
+    (far,) = (figure for figure in figures if figure.name == "reproduce.two_layer.published.nonneighbour_error")
+    assert (far.value, far.n) == (None, 0)
 
 
 def test_demo(data: ReportData) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from naris.report import ReportData, TrainingCurve, charts
+from naris.report import Calibration, ReportData, TrainingCurve, charts
 from naris.report.markup import Markup, element, join
 from naris.report.plot import SHARE, Axes, Scale
 
@@ -41,6 +42,8 @@ def test_logarithmic_scales_are_even_in_ratios(low: float, factor: float) -> Non
     scale = Scale.logarithmic(low, low * factor, "")
     assert all(low <= tick <= low * factor for tick in scale.ticks)
     assert scale.at(np.array([low * np.sqrt(factor)]))[0] == pytest.approx(0.5)
+    assert len(scale.ticks) <= 9
+    assert len(scale.ticks) >= 3 or factor < 10
 
 
 def test_beyond_the_ends_is_drawn_at_the_ends() -> None:
@@ -90,13 +93,44 @@ def test_cumulative_curves_end_at_the_share_within(reproduce_data: ReportData) -
 
 
 def test_losses_that_break_are_drawn_as_far_as_they_are_numbers(reproduce_data: ReportData) -> None:
-    from dataclasses import replace
-
     curve = TrainingCurve(3, np.array([2.0, np.nan, 0.01, np.inf]), 1.0, 1.0)
     chart = charts.loss_chart(replace(reproduce_data.networks[0], training=(curve,)))
     (line,) = drawn(chart).iter("polyline")
     assert len((line.get("points") or "").split()) == 2
     assert "nan" not in (line.get("points") or "")
+
+
+def test_a_training_of_one_value_is_a_mark_not_an_empty_chart(reproduce_data: ReportData) -> None:
+    curve = TrainingCurve(3, np.array([0.76]), 1.0, 1.0)
+    short = replace(reproduce_data.networks[0], training=(curve,), step="100 steps")
+    chart = drawn(charts.loss_chart(short))
+    (dot,) = (path for path in chart.iter("path") if "dots" in path.get("class", ""))
+    assert len(re.findall("M", dot.get("d", ""))) == 1
+    assert {"100", "steps"} <= {text.text for text in chart.iter("text")}
+
+
+def test_long_curves_have_no_marks(reproduce_data: ReportData) -> None:
+    long = TrainingCurve(3, np.linspace(1, 0.5, 300), 1.0, 1.0)
+    chart = drawn(charts.loss_chart(replace(reproduce_data.networks[0], training=(long,))))
+    assert len(list(chart.iter("polyline"))) == 1
+    assert not list(chart.iter("path"))
+
+
+def test_splits_of_the_same_poses_share_their_dots(reproduce_data: ReportData) -> None:
+    published, unseen, other = reproduce_data.splits
+    alike = replace(other, nearest_mm=unseen.nearest_mm, nearest_deg=unseen.nearest_deg)
+    for last, sets in ((other, 3), (alike, 2)):
+        chart = charts.neighbour_chart(reproduce_data, [published, unseen, last])
+        assert len(list(drawn(chart).iter("path"))) == sets
+        assert ("the poses of unseen trajectories" in chart) == (last is alike)
+
+
+def test_shares_of_few_pictures_are_dots_alone() -> None:
+    calibration = Calibration(np.array([0.3, 0.6, 0.9]), np.array([1.0, 0.5, 0.9]), np.array([1, 10, 40]))
+    chart = drawn(charts.calibration_chart([("s0", "one", calibration)]))
+    (line,) = chart.iter("polyline")
+    assert len((line.get("points") or "").split()) == 2
+    assert len(list(chart.iter("path"))) == 3
 
 
 @given(st.text(max_size=40))

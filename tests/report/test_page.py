@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from naris.core.anatomy import SlabRegions
-from naris.report import ReportData, ViewSet, write_report
+from naris.report import ReportData, TrainingCurve, ViewSet, write_report
 from naris.report.page import page
 from naris.report.sections import anatomy
 
@@ -91,6 +91,25 @@ def test_table_repeats_the_data(tree: ElementTree.Element, reproduce_data: Repor
         expected.append(100 * counts[~neighbours].sum() / (counts.sum() - np.trace(counts)))
         assert numbers[: len(expected) - 2] == pytest.approx(expected[:-2], abs=0.051)
         assert numbers[len(expected) - 1] == pytest.approx(expected[-1], abs=0.051)
+
+
+def test_no_wrong_answers_are_not_none_of_them_far(bare_data: ReportData) -> None:
+    (network,) = bare_data.networks
+    (test,) = network.tests
+    right = replace(test, runs=(replace(test.runs[0], confusion=np.diag([3, 4, 5, 6])),))
+    tree = parsed(page(replace(bare_data, networks=(replace(network, tests=(right,)),))))
+    assert table_with(tree, "Errors between non-neighbours")[0][5] == "none wrong"
+    near = replace(right, runs=(replace(test.runs[0], confusion=np.eye(4, k=1, dtype=int)),))
+    tree = parsed(page(replace(bare_data, networks=(replace(network, tests=(near,)),))))
+    assert table_with(tree, "Errors between non-neighbours")[0][5] == "0.0 % of 3"
+
+
+def test_a_training_of_one_value_is_told_and_marked(bare_data: ReportData) -> None:
+    (network,) = bare_data.networks
+    short = replace(network, training=(TrainingCurve(0, np.array([0.76]), 1.0, 1.0),), step="100 steps")
+    made = page(replace(bare_data, networks=(short,)))
+    assert "one value only (0.76)" in made
+    assert 'class="dots q0"' in made
 
 
 def test_every_part_is_told(tree: ElementTree.Element, reproduce_data: ReportData) -> None:

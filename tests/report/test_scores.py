@@ -22,7 +22,9 @@ def test_shares_follow_from_single_answers(confusion: np.ndarray) -> None:
     score = RunScore(0, confusion)
     assert score.accuracy == pytest.approx(np.mean([i == j for i, j in pairs]))
     wrong = [abs(i - j) > 1 for i, j in pairs if i != j]
-    assert score.nonneighbour_error(SLABS.neighbours) == pytest.approx(np.mean(wrong) if wrong else 0.0)
+    assert score.wrong == len(wrong)
+    if wrong:
+        assert score.nonneighbour_error(SLABS.neighbours) == pytest.approx(np.mean(wrong))
     assert score.chance == pytest.approx(max(sum(i == k for i, _ in pairs) for k in range(4)) / len(pairs))
 
 
@@ -31,6 +33,16 @@ def test_empty_scores_are_refused() -> None:
         RunScore(0, np.zeros((4, 4), dtype=int))
     with pytest.raises(InputError, match="at least one run"):
         TestResult("published", ())
+
+
+def test_no_wrong_answers_have_no_share() -> None:
+    """0 would say that there were some, all of them near."""
+    right, near = RunScore(0, np.diag([3, 4, 5, 6])), RunScore(1, np.diag([3, 4, 5, 6]) + np.eye(4, k=1, dtype=int))
+    assert right.nonneighbour_error(SLABS.neighbours) is None
+    assert near.nonneighbour_error(SLABS.neighbours) == 0.0
+    assert TestResult("published", (right,)).nonneighbour_error(SLABS.neighbours) is None
+    both = TestResult("published", (right, near))
+    assert (both.wrong, both.nonneighbour_error(SLABS.neighbours)) == (3, 0.0)
 
 
 def test_one_run_has_no_spread() -> None:

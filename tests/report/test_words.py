@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from naris.report import SINHA_2018, Calibration, ReportData, RunScore, TestResult, words
+from naris.report import SINHA_2018, Calibration, ReportData, RunScore, TestResult, TrainingCurve, words
 
 
 def result(split: str, accuracy: float, runs: int = 2) -> TestResult:
@@ -37,7 +37,7 @@ def test_a_fall_is_called_interpolation(reproduce_data: ReportData) -> None:
 def test_no_fall_is_not(reproduce_data: ReportData) -> None:
     data = with_accuracies(reproduce_data, published=0.88, trajectory=0.84)
     (said,) = words.leak(data)
-    assert "does not rest on near-duplicate" in said
+    assert "little of its figure rests on near-duplicate" in said
     assert "interpolates" not in words.lede(data)
 
 
@@ -60,6 +60,36 @@ def test_chance_is_named(reproduce_data: ReportData) -> None:
     assert any("no better than that" in said for said in words.came_out(data))
     data = with_accuracies(reproduce_data, published=0.88, trajectory=0.6)
     assert not any("no better than that" in said for said in words.came_out(data))
+
+
+def test_wrong_answers_are_spoken_of_where_there_are_some(reproduce_data: ReportData) -> None:
+    data = with_accuracies(reproduce_data, published=1.0, trajectory=0.6)
+    assert any(said.startswith("Of the wrong answers, 0.0\u00a0%") for said in words.came_out(data))
+    none = with_accuracies(reproduce_data, published=1.0, trajectory=1.0)
+    assert not any("wrong answers" in said for said in words.came_out(none))
+
+
+def test_what_was_published_is_named_where_a_split_is_called_so(
+    reproduce_data: ReportData, bare_data: ReportData
+) -> None:
+    demo = replace(reproduce_data, kind="demo", published=None)
+    assert sum(SINHA_2018.citation in said for said in words.done(demo)) == 1
+    assert not any(SINHA_2018.citation in said for said in words.done(bare_data))
+
+
+def test_training_pictures_say_nothing_of_a_network_that_never_saw_them(reproduce_data: ReportData) -> None:
+    fixed = with_accuracies(reproduce_data, published=0.9, trajectory=0.86).networks[0]
+    at_will = replace(fixed, key="compact_at_will")
+    first, second = words.leak(replace(reproduce_data, networks=(at_will, fixed)))
+    assert "a training view" not in first
+    assert "a training view" in second
+
+
+def test_one_value_is_no_curve(reproduce_data: ReportData) -> None:
+    network = reproduce_data.networks[0]
+    assert words.short_training(network) is None
+    short = replace(network, training=(TrainingCurve(0, np.array([0.7612]), 1.0, 1.0),))
+    assert "one value only (0.761)" in (words.short_training(short) or "")
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ class Figure:
 
     Attributes:
         name: dotted, as the issues and documents call it, e.g. `render.plain.300.cpu_ms`.
-        value: in `unit`; None if the run did not measure it (only `--quick` may leave one out).
+        value: in `unit`; None where nothing was measured: left out by `--quick`, or `n` is 0.
         unit: e.g. `ms`, `fps`, `mm`, `%`, or `1` for a share of one.
         n: how many trials, frames or pictures stand behind the value.
         better: which way is better.

@@ -85,7 +85,8 @@ class Score:
         accuracy: share of pictures whose most probable region is the true one.
         interval: 95 % of the resampled accuracies lie within.
         confusion: (K, K) counts, true region by row, answer by column.
-        nonneighbour_error: share of the wrong answers that name a region which does not touch the true one.
+        nonneighbour_error: share of the wrong answers that name a region which does not touch the true one; None where
+            none is wrong.
         reliability: of the stated probabilities.
         pose: None for a model without a pose head, or of another anatomy than the pictures show.
         refused: share of the pictures that the model says are none of its world; None if it does not judge.
@@ -97,7 +98,7 @@ class Score:
     accuracy: float
     interval: tuple[float, float]
     confusion: Int[np.ndarray, "k k"]
-    nonneighbour_error: float
+    nonneighbour_error: float | None
     reliability: Reliability
     pose: PoseScore | None
     refused: float | None
@@ -126,14 +127,14 @@ class Summary:
         mean: accuracy.
         std: sample standard deviation of the accuracy between runs; None for one run.
         interval: 95 % of the means over resampled runs and clusters lie within.
-        nonneighbour_error: share of all runs' wrong answers.
+        nonneighbour_error: share of all runs' wrong answers; None where none is wrong.
     """
 
     scores: tuple[Score, ...]
     mean: float
     std: float | None
     interval: tuple[float, float]
-    nonneighbour_error: float
+    nonneighbour_error: float | None
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -204,10 +205,10 @@ def confusion_matrix(said: Said) -> Int[np.ndarray, "k k"]:
     return counts
 
 
-def nonneighbour_error(confusion: Int[np.ndarray, "k k"], neighbours: Bool[np.ndarray, "k k"]) -> float:
-    """Share of the wrong answers that name a region which does not touch the true one; 0 where none is wrong."""
+def nonneighbour_error(confusion: Int[np.ndarray, "k k"], neighbours: Bool[np.ndarray, "k k"]) -> float | None:
+    """Share of the wrong answers that name a region which does not touch the true one; None where none is wrong."""
     wrong = int(confusion.sum() - np.trace(confusion))
-    return float(confusion[~neighbours].sum() / wrong) if wrong else 0.0
+    return float(confusion[~neighbours].sum() / wrong) if wrong else None
 
 
 def reliability(confidence: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]) -> Reliability:

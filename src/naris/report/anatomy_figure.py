@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from naris.anatomy import mean_nose
 from naris.core.anatomy import SlabRegions
 from naris.report.data import AnatomyView, Line
 from naris.report.markup import Markup, element, join
@@ -18,18 +19,19 @@ _WIDTH = 960
 _GAP, _TOP = 34, 50
 _SHARPNESS = 1.9
 _OVERLAYS: dict[str, tuple[str, str]] = {
-    "training": ("training", "training trajectories"),
-    "test": ("test", "test trajectories"),
-    "passage": ("passage", "passages (centrelines)"),
+    "training": ("training", "cameras on training trajectories"),
+    "test": ("test", "cameras on test trajectories"),
+    "passage": ("passage", "passages"),
 }
 _FOLD_PX = 0.25
-_JUMP = 3
+_JOINED_MM = 3.0
+"""Cameras further apart are not joined: a straight line between them could lead through a wall."""
 
 
 def anatomy_figure(view: AnatomyView) -> Markup:
     """The surface from the left, the front and above, laid out like an engineering drawing, with its legend."""
     colours = region_colours(view.regions.names)
-    lines = view.lines or tuple(Line(p.name, "passage", p.points_mm) for p in view.anatomy.passages)
+    lines = _lines(view)
     extent = np.ptp(view.anatomy.bounds_mm, axis=0)
     px_per_mm = (_WIDTH - 3 * _GAP) / (extent[0] + extent[1] + 4)
     shots = [draw_surface(view.anatomy, view.regions, colours, a, _SHARPNESS * px_per_mm) for a in _ASPECTS]
@@ -56,6 +58,44 @@ def anatomy_figure(view: AnatomyView) -> Markup:
 _ASPECTS = (FROM_LEFT, FROM_FRONT, FROM_ABOVE)
 
 
+def anatomy_caption(view: AnatomyView) -> str:
+    """What is to be seen in the figure, and nothing else."""
+    roles, frame = {line.role for line in _lines(view)}, view.anatomy.frame
+    said = [
+        f"The walls of the hollow as if of glass, in the colours of its regions (the set “{view.region_set}”), seen "
+        "from the left, from the front and from above.",
+    ]
+    if roles & {"training", "test"}:
+        said.append(
+            "Every dot is a place where a camera stood; two that follow each other on one way are joined if they are "
+            f"at most {_JOINED_MM:g}\u00a0mm apart."
+        )
+    if "passage" in roles:
+        said.append("The dashed lines run along the middle of the passages.")
+    if isinstance(view.regions, SlabRegions) and any(_borders_cross(view.regions, aspect) for aspect in _ASPECTS):
+        axis = "xyz"[view.regions.axis]
+        said.append(f"The dotted lines are the borders of the regions; above them stands their {axis} in mm.")
+    said.append(f"Directions: {_directions(frame)}.")
+    if frame == "LPS":
+        said.append("The patient’s left is on the right in the view from the front, and below in the view from above.")
+    return " ".join(said)
+
+
+def _directions(frame: str) -> str:
+    """Where the axes of a frame point, as far as that is known."""
+    if frame == "LPS":
+        return "x points to the left of the patient, y backwards, z upwards"
+    if frame == mean_nose.FRAME:
+        return "y points from the nostril back to the nasopharynx, z upwards; one side of a nose, in nobody’s head"
+    return (
+        f"axes of the frame “{frame}” as the file has them, drawn as if x pointed to the left, y backwards, z upwards"
+    )
+
+
+def _lines(view: AnatomyView) -> tuple[Line, ...]:
+    return view.lines or tuple(Line(p.name, "passage", p.points_mm) for p in view.anatomy.passages)
+
+
 def _chip(colour: str, text: str) -> Markup:
     return element("span", element("i", class_="swatch", style=f"background:{colour}"), text)
 
@@ -70,7 +110,7 @@ def _panel(
 ) -> Markup:
     height, width = (n / shot.px_per_mm * px_per_mm for n in shot.rgba.shape[:2])
     parts = [
-        label(float(corner[0]), float(corner[1]) - (32 if aspect is FROM_LEFT else 10), aspect.name, "start", "group"),
+        label(float(corner[0]), float(corner[1]) - (10 if aspect is FROM_ABOVE else 32), aspect.name, "start", "group"),
         element(
             "image",
             href=data_uri(shot.rgba, 2000, 84),
@@ -82,20 +122,24 @@ def _panel(
     ]
     parts += _borders(view, aspect, shot, corner, px_per_mm, height)
     for line in sorted(lines, key=lambda line: list(_OVERLAYS).index(line.role), reverse=True):
-        for piece_mm in _pieces(line.points_mm):
-            at = (aspect.flatten(piece_mm) - shot.corner_mm) * px_per_mm + corner
-            path = " ".join(f"{x:.1f},{y:.1f}" for x, y in _thinned(at))
-            parts.append(element("polyline", points=path, class_="halo"))
-            parts.append(element("polyline", points=path, class_=f"way {line.role}"))
+        parts += _way(line, (aspect.flatten(line.points_mm) - shot.corner_mm) * px_per_mm + corner)
     return join(parts)
 
 
-def _pieces(points_mm: Float[np.ndarray, "n 3"]) -> list[Float[np.ndarray, "_ 3"]]:
-    """The line cut where it jumps: where a step is more than three times the usual one."""
-    steps = np.linalg.norm(np.diff(points_mm, axis=0), axis=1)
-    if not len(steps):
-        return [points_mm]
-    return np.split(points_mm, np.flatnonzero(steps > _JUMP * np.median(steps)) + 1)
+def _way(line: Line, at_px: Float[np.ndarray, "n 2"]) -> list[Markup]:
+    """A passage as a dashed line; cameras as dots, joined where they follow each other closely."""
+    pieces, spots = [at_px], ""
+    if line.role != "passage":
+        far = np.linalg.norm(np.diff(line.points_mm, axis=0), axis=1) > _JOINED_MM
+        pieces = np.split(at_px, np.flatnonzero(far) + 1)
+        spots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in at_px)
+    parts = []
+    for piece in (piece for piece in pieces if len(piece) > 1):
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in _thinned(piece))
+        parts += [element("polyline", points=path, class_=class_) for class_ in ("halo", f"way {line.role}")]
+    if spots:
+        parts += [element("path", d=spots, class_=f"spot {class_}") for class_ in ("halo", line.role)]
+    return parts
 
 
 def _thinned(path_px: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
@@ -117,16 +161,21 @@ def _borders(
 ) -> list[Markup]:
     """Where slabs across the horizontal axis of the picture meet, with their coordinate."""
     regions = view.regions
-    if not isinstance(regions, SlabRegions) or abs(aspect.right[regions.axis]) != 1:
+    if not isinstance(regions, SlabRegions) or not _borders_cross(regions, aspect):
         return []
     parts = []
     for border_mm in regions.borders_mm:
         x = float(corner[0] + (border_mm * aspect.right[regions.axis] - shot.corner_mm[0]) * px_per_mm)
         y = float(corner[1])
         parts.append(element("line", x1=x, x2=x, y1=y - 4, y2=y + float(height), class_="border"))
-        if aspect is FROM_LEFT:
+        if aspect is not FROM_ABOVE:  # there they are those of the view from the left, right above it
             parts.append(label(x, y - 10, f"{'xyz'[regions.axis]} = {border_mm:g}".replace("-", "−")))
     return parts
+
+
+def _borders_cross(regions: SlabRegions, aspect: Aspect) -> bool:
+    """Whether the borders are upright lines in the picture."""
+    return abs(aspect.right[regions.axis]) == 1
 
 
 def _scale_bar(x: float, y: float, px_per_mm: float) -> Markup:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from importlib import resources
 
 from naris.core.anatomy import Anatomy
-from naris.report.anatomy_figure import anatomy_figure
+from naris.report.anatomy_figure import anatomy_caption, anatomy_figure
 from naris.report.data import AnatomyView
-from naris.report.markup import Markup, element, table
+from naris.report.markup import Markup, element, figure, table
 
 
 def anatomy_page(anatomy: Anatomy, region_set: str, facts: Mapping[str, str]) -> str:
@@ -23,16 +23,17 @@ def anatomy_page(anatomy: Anatomy, region_set: str, facts: Mapping[str, str]) ->
         RegionError: if the anatomy has no such region set.
     """
     style = resources.files("naris.report").joinpath("style.css").read_text(encoding="utf-8")
+    view = AnatomyView(anatomy, region_set)
     passages = [
-        [one.name, f"{one.length_mm:.0f} mm", f"{one.clearance_mm.min():.1f}–{one.clearance_mm.max():.1f} mm"]
+        [one.name, f"{one.length_mm:.0f} mm", f"{one.clearance_mm.min():.2f}–{one.clearance_mm.max():.2f} mm"]
         for one in anatomy.passages
     ]
     main = element(
         "main",
         element("header", element("h1", anatomy.name)),
-        element("section", anatomy_figure(AnatomyView(anatomy, region_set))),
+        element("section", figure(anatomy_figure(view), anatomy_caption(view), "wide")),
         element("section", table(["", ""], [[label, said] for label, said in facts.items()])),
-        element("section", table(["passage", "length", "room to the wall"], passages)) if passages else None,
+        element("section", table(["passage", "length", "from its middle to the wall"], passages)) if passages else None,
     )
     head = element(
         "head",

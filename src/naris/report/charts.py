@@ -15,6 +15,10 @@ from naris.report.scores import Calibration, PoseErrors, TestResult
 
 _WIDTH, _GAP, _GROUP_GAP, _GROUP_LEAST = 960, 14, 44, 150
 _MARGIN = (64, 26, 96, 54)
+_STEEP = 10
+_MANY_POINTS = 40
+FEW = 5
+"""A share of fewer pictures says little."""
 
 
 def series(data: ReportData, split: str) -> str:
@@ -88,23 +92,33 @@ def _bar(axes: Axes, x: float, width: float, test: TestResult, class_: str) -> l
 
 
 def loss_chart(network: NetworkResult) -> Markup:
-    """The training loss of every run of a network; logarithmic where it falls over more than a factor of 20."""
+    """The training loss of every run of a network; logarithmic where it falls over more than a factor of ten."""
     losses = np.concatenate([run.loss for run in network.training])
     finite = losses[np.isfinite(losses) & (losses > 0)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.1, 1.0)
-    steep = high / low > 20
+    steep = high / low > _STEEP
     y = Scale.logarithmic(low / 1.2, high * 1.2, "loss") if steep else Scale.linear(0, high, "loss")
     longest = max(len(run.loss) for run in network.training)
-    x = Scale.linear(0, max(longest, 2), network.step, count=min(5, max(longest, 2)))
+    each, unit = _each_point(network.step)
+    x = Scale.linear(0, each * max(longest, 2), unit, count=min(5, max(longest, 2)))
     axes = Axes(310, 230, x, y)
     marks = []
     for i, run in enumerate(network.training):
         good = np.isfinite(run.loss)
-        marks.append(axes.curve(1.0 + np.nonzero(good)[0], run.loss[good], f"q{i % 5}"))
+        at, loss = each * (1.0 + np.nonzero(good)[0]), run.loss[good]
+        marks.append(axes.curve(at, loss, f"q{i % 5}"))
+        if len(loss) <= _MANY_POINTS:  # a line through one point is not to be seen
+            marks.append(axes.dots(at, loss, f"q{i % 5}", radius=2.5))
     ends = ", ".join(f"{run.loss[-1]:.3g}" for run in network.training if len(run.loss))
     alt = f"Training loss of {network.label} against {network.step}; it ends at {ends}"
     entries = [(f"q{i % 5}", f"seed {run.seed}") for i, run in enumerate(network.training)]
     return join(axes.draw(alt, marks), legend(entries))
+
+
+def _each_point(step: str) -> tuple[int, str]:
+    """What one point stands for, as a number and its unit: `20 steps` are 20 of them, an `epoch` is one."""
+    count, _, unit = step.partition(" ")
+    return (int(count), unit) if count.isdecimal() and unit else (1, step)
 
 
 def confusion_chart(
@@ -156,7 +170,8 @@ def calibration_chart(entries: Sequence[tuple[str, str, Calibration]]) -> Markup
     for class_, _, calibration in entries:
         used = calibration.count > 0
         confidence, accuracy = calibration.confidence[used], calibration.accuracy[used]
-        marks.append(axes.curve(confidence, accuracy, class_))
+        many = calibration.count[used] >= FEW
+        marks.append(axes.curve(confidence[many], accuracy[many], class_))
         weight = np.sqrt(calibration.count[used] / calibration.count.sum())
         for c, a, w in zip(confidence, accuracy, weight, strict=True):
             marks.append(axes.dots(np.array([c]), np.array([a]), class_, radius=2 + 7 * float(w)))
@@ -188,13 +203,17 @@ def neighbour_chart(data: ReportData, splits: Sequence[Split]) -> Markup:
     y = Scale.linear(0, max(30.0, float(np.concatenate(deg).max())), "angle between the two (degrees)")
     axes = Axes(560, 340, x, y, margin=(58, 14, 14, 44))
     marks = [axes.box(0, NEIGHBOUR_MM, 0, NEIGHBOUR_DEG, "band")]
-    words = []
+    words, entries = [], []
     for i, (split, across, turn) in enumerate(zip(splits, mm, deg, strict=True)):
-        # Splits may share their poses: later dots are smaller, so that earlier ones show around them.
-        marks.append(axes.dots(across, turn, f"{series(data, split.key)} faint", radius=4.6 - 1.4 * min(i, 2)))
         words.append(f"{split.label}, median {np.median(across):.2g} mm and {np.median(turn):.2g} degrees")
+        same = [k for k in range(i) if np.array_equal(mm[k], across) and np.array_equal(deg[k], turn)]
+        if same:
+            first = splits[same[0]]
+            entries.append((series(data, first.key), f"{split.label} (the poses of {first.label})"))
+            continue
+        marks.append(axes.dots(across, turn, f"{series(data, split.key)} faint", radius=3.2))
+        entries.append((series(data, split.key), split.label))
     alt = "Distance of test views to their nearest training view: " + "; ".join(words)
-    entries = [(series(data, split.key), split.label) for split in splits]
     within = f"within {NEIGHBOUR_MM:g} mm and {NEIGHBOUR_DEG:g}°: a neighbour"
     return join(axes.draw(alt, marks), legend([*entries, ("band", within)]))
 

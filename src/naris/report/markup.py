@@ -36,12 +36,20 @@ def join(*children: Child, separator: str = "") -> Markup:
 
 
 def table(head: Sequence[Child], rows: Iterable[Sequence[Child]], class_: str | None = None) -> Markup:
-    """A table whose first column names the rows; it scrolls sideways where the window is narrow."""
+    """A table whose first column names the rows; it scrolls sideways where the window is narrow.
+
+    Headings that are all empty are left out.
+    """
     body = [
         element("tr", element("th", row[0], scope="row"), [element("td", cell) for cell in row[1:]]) for row in rows
     ]
-    top = element("thead", element("tr", [element("th", cell, scope="col") for cell in head]))
+    top = element("thead", element("tr", [element("th", cell, scope="col") for cell in head])) if any(head) else None
     return element("div", element("table", top, element("tbody", body), class_=class_), class_="scroll")
+
+
+def figure(content: Child, caption: Child, class_: str | None = None) -> Markup:
+    """A figure with its caption."""
+    return element("figure", content, element("figcaption", caption), class_=class_)
 
 
 def _flat(children: Iterable[Child]) -> Iterable[str]:

@@ -11,6 +11,8 @@ from jaxtyping import Float
 
 from naris.report.markup import Markup, element, join
 
+_MANY_TICKS = 9
+
 
 def plain_number(value: float) -> str:
     """Up to four digits, without trailing zeros."""
@@ -56,8 +58,9 @@ class Scale:
     def logarithmic(low: float, high: float, label: str) -> Scale:
         """Ticks at 1, 2 and 5 times powers of ten where they are few, else at powers of ten."""
         exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-        steps = (1, 2, 5) if len(exponents) <= 3 else (1,)
-        ticks = tuple(m * 10.0**e for e in exponents for m in steps if low <= m * 10.0**e <= high)
+        ticks = tuple(m * 10.0**e for e in exponents for m in (1, 2, 5) if low <= m * 10.0**e <= high)
+        if len(ticks) > _MANY_TICKS:
+            ticks = tuple(10.0**e for e in exponents if low <= 10.0**e <= high)
         return Scale(low, high, ticks, label, log=True)
 
     def at(self, values: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:

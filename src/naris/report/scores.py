@@ -90,10 +90,14 @@ class RunScore:
         """What always naming the commonest region of the test set would score."""
         return float(self.confusion.sum(axis=1).max() / self.confusion.sum())
 
-    def nonneighbour_error(self, neighbours: Bool[np.ndarray, "k k"]) -> float:
-        """Share of the wrong answers that name a region which does not touch the true one (0 without errors)."""
-        wrong = self.confusion.sum() - np.trace(self.confusion)
-        return float(self.confusion[~neighbours].sum() / wrong) if wrong else 0.0
+    @property
+    def wrong(self) -> int:
+        """Wrong answers."""
+        return int(self.confusion.sum() - np.trace(self.confusion))
+
+    def nonneighbour_error(self, neighbours: Bool[np.ndarray, "k k"]) -> float | None:
+        """Share of the wrong answers that name a region which does not touch the true one; None where none is wrong."""
+        return float(self.confusion[~neighbours].sum() / self.wrong) if self.wrong else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +143,13 @@ class TestResult:
         """Counts over all runs."""
         return np.sum([run.confusion for run in self.runs], axis=0)
 
-    def nonneighbour_error(self, neighbours: Bool[np.ndarray, "k k"]) -> float:
-        """Share of the wrong answers of all runs together that name a region which does not touch the true one."""
+    @property
+    def wrong(self) -> int:
+        """Wrong answers of all runs."""
+        return sum(run.wrong for run in self.runs)
+
+    def nonneighbour_error(self, neighbours: Bool[np.ndarray, "k k"]) -> float | None:
+        """Share of `wrong` that names a region which does not touch the true one; None where none is wrong."""
         return RunScore(0, self.confusion).nonneighbour_error(neighbours)
 
     @property

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
-from naris.anatomy import mean_nose
 from naris.report import charts, words
-from naris.report.anatomy_figure import anatomy_figure
+from naris.report.anatomy_figure import anatomy_caption, anatomy_figure
 from naris.report.data import LocatedFrame, ReportData, Split
-from naris.report.markup import Child, Markup, element, join, table
+from naris.report.markup import Child, Markup, element, figure, join, table
 from naris.report.pictures import css_colour, picture, region_colours
+from naris.report.scores import TestResult
 
 _MAX_VIEWS = 6
 _MAX_LOCATED = 24
 _FEW_REGIONS = 6
-
-
-def figure(content: Child, caption: Child, class_: str | None = None) -> Markup:
-    """A figure with its caption."""
-    return element("figure", content, element("figcaption", caption), class_=class_)
+_MACHINE = {"memory_gib": "memory, GiB"}
 
 
 def anatomy(data: ReportData) -> Markup:
@@ -33,22 +31,7 @@ def anatomy(data: ReportData) -> Markup:
         f"{view.anatomy.name}: {len(view.anatomy.faces):,} triangles, {size} mm, frame "
         f"{view.anatomy.frame}, SHA-256 {view.anatomy.digest[:12]}…. Source: {view.anatomy.source}."
     )
-    caption = (
-        f"The walls of the hollow in the colours of the region set “{view.region_set}”. The lines are where cameras "
-        f"went or passages run, as the legend says; the ticks along the edges are mm, {_axes(view.anatomy.frame)}."
-    )
-    return join(figure(anatomy_figure(view), caption, "wide"), element("p", facts, class_="small"))
-
-
-def _axes(frame: str) -> str:
-    """Where the axes of a frame point, as far as that is known."""
-    if frame == "LPS":
-        return "x points to the left of the patient, y backwards, z upwards"
-    if frame == mean_nose.FRAME:
-        return "y points from the nostril back to the nasopharynx, z upwards; one side of a nose, in nobody’s head"
-    return (
-        f"axes of the frame “{frame}” as the file has them, drawn as if x pointed to the left, y backwards, z upwards"
-    )
+    return join(figure(anatomy_figure(view), anatomy_caption(view), "wide"), element("p", facts, class_="small"))
 
 
 def views(data: ReportData) -> Markup | None:
@@ -78,12 +61,14 @@ def splits(data: ReportData) -> Markup:
         kind = element("span", "leaky" if split.leaky else "clean", class_="tag " + ("bad" if split.leaky else "good"))
         rows.append([join(split.label, " ", kind), split.explanation, f"{split.count:,}", near])
     parts = [table(["Split", "Test views", "Pictures", "Nearest training view (median)"], rows, "prose")]
+    if any(split.leaky for split in data.splits):
+        told = "Leaky: the test views lie among the training views, and remembering these helps. Clean: they do not."
+        parts.append(element("p", told, class_="small"))
     known = [split for split in data.splits if split.nearest_mm is not None and split.nearest_deg is not None]
     if known:
         caption = (
-            "Every dot is a test view; splits with the same poses have their dots on each other, the later smaller "
-            "and the earlier ones as rings around them. Inside the shaded corner it has a training view within 2 mm "
-            "and 15°: a network that only remembers can answer there."
+            "Every dot is a test view; splits with the same poses share their dots. Inside the shaded corner it has a "
+            "training view within 2 mm and 15°: a network that only remembers can answer there."
         )
         parts.append(figure(charts.neighbour_chart(data, known), caption))
     pairs = [_pair(split) for split in data.splits if split.pair]
@@ -125,7 +110,7 @@ def results(data: ReportData) -> Markup:
                     element("b", words.spread(test.mean, test.std)),
                     interval,
                     words.share(test.chance),
-                    words.share(test.nonneighbour_error(neighbours)),
+                    _far_errors(test, neighbours),
                     "–" if calibration is None else f"{calibration.ece:.3f}",
                     str(len(test.runs)),
                 ]
@@ -137,11 +122,17 @@ def results(data: ReportData) -> Markup:
         "test set. Errors between non-neighbours: share of the wrong answers that name a region which does not touch "
         "the true one. ECE: expected calibration error, 0 is perfect."
     )
-    both = "Leaky and clean side by side. " if any(split.leaky for split in data.splits) else ""
-    caption = both + ("The band is the published figure." if data.published else "")
+    both = ", leaky and clean side by side" if any(split.leaky for split in data.splits) else ""
+    band = " The band is the published figure." if data.published else ""
+    caption = f"Share of test pictures whose region is named rightly{both}.{band}"
     return join(
         figure(charts.accuracy_bars(data), caption, "wide"), table(head, rows), element("p", note, class_="small")
     )
+
+
+def _far_errors(test: TestResult, neighbours: Bool[np.ndarray, "k k"]) -> str:
+    far = test.nonneighbour_error(neighbours)
+    return "none wrong" if far is None else f"{words.share(far)} of {test.wrong:,}"
 
 
 def confusions(data: ReportData) -> Markup:
@@ -196,7 +187,7 @@ def calibrations(data: ReportData) -> Markup | None:
         return None
     caption = (
         "On the dashed diagonal, answers given with 80 % are right in 80 % of cases. Below it the network is too sure "
-        "of itself. Larger dots hold more pictures."
+        f"of itself. Larger dots hold more pictures; those of fewer than {charts.FEW} say little and are not joined."
     )
     return figure(element("div", drawn, class_="row"), caption, "wide")
 
@@ -287,7 +278,9 @@ def training(data: ReportData) -> Markup | None:
     for network in data.networks:
         if not network.training:
             continue
-        drawn.append(element("div", element("h4", network.label), charts.loss_chart(network)))
+        short = words.short_training(network)
+        said = element("p", short, class_="small") if short else None
+        drawn.append(element("div", element("h4", network.label), charts.loss_chart(network), said))
         wall = np.array([run.wall_s for run in network.training])
         cpu = np.array([run.cpu_s for run in network.training])
         seeds = words.listed([str(run.seed) for run in network.training])
@@ -296,8 +289,14 @@ def training(data: ReportData) -> Markup | None:
         rows.append([network.label, f"{network.parameters:,}", pictures, seeds, *cost])
     if not drawn:
         return None
-    head = ["Network", "Weights", "Training pictures", "Seeds", "A run, wall", "A run, CPU", "All runs, wall"]
-    return join(figure(element("div", drawn, class_="row"), "Training loss of every run.", "wide"), table(head, rows))
+    head = ["Network", "Weights", "Pictures shown", "Seeds", "A run, wall", "A run, CPU", "All runs, wall"]
+    regions = len(data.anatomy.regions.names)
+    caption = (
+        "Training loss of every run: the cross-entropy of the region, a mean for each point. A network that is always "
+        f"right and sure has 0, one that thinks all {words.counted(regions)} regions equally likely has "
+        f"{math.log(regions):.2f}."
+    )
+    return join(figure(element("div", drawn, class_="row"), caption, "wide"), table(head, rows))
 
 
 def making(data: ReportData) -> Markup:
@@ -310,7 +309,11 @@ def making(data: ReportData) -> Markup:
         parts.append(table(["Stage", "Made", "Wall", "CPU, all threads"], rows, "prose"))
         parts.append(element("p", "Drawing this page comes after that, and is not counted.", class_="small"))
     facts: dict[str, Any] = {"seed": data.seed, "made": data.made, "commit": data.commit or "not known"}
-    parts.append(_mapping("Run", facts | {key.replace("_", " "): value for key, value in data.machine.items()}))
+    parts.append(
+        _mapping(
+            "Run", facts | {_MACHINE.get(key, key.replace("_", " ")): value for key, value in data.machine.items()}
+        )
+    )
     if data.versions:
         parts.append(_mapping("Versions", data.versions))
     parts += [_mapping(section, flat(values)) for section, values in data.settings.items()]

@@ -122,6 +122,8 @@ def done(data: ReportData) -> list[str]:
         said.append(f"{capital(network.called)}: {network.description} {network.trained_on}{trained if runs else ''}")
     if data.published:
         said.append(f"This repeats the experiment of {data.published.citation}.")
+    elif data.kind == "demo" and any(split.key == "published" for split in data.splits):
+        said.append(f"“Published” on this page refers to the experiment of {SINHA_2018.citation}.")
     elif data.kind == "reproduce":
         said.append(
             f"This is modelled on the experiment of {SINHA_2018.citation}; with another anatomy, texture, number of "
@@ -140,7 +142,7 @@ def came_out(data: ReportData) -> list[str]:
         beside = f"; {listed(list(dict.fromkeys(low)))} does no better than that on a clean split" if low else ""
         said.append(f"Always naming the commonest region would score {reach([t.chance for t in tests])}{beside}.")
         neighbours = data.anatomy.regions.neighbours
-        far = [test.nonneighbour_error(neighbours) for test in tests if test.mean < 1]
+        far = [rate for test in tests if (rate := test.nonneighbour_error(neighbours)) is not None]
         if far:
             said.append(f"Of the wrong answers, {reach(far)} name a region that does not touch the true one.")
     posed = [network for network in tested if network.tests[-1].pose is not None]
@@ -185,8 +187,9 @@ def leak(data: ReportData) -> list[str]:
         split, own = data.split(leaky[0].split), clean[0]
         drop = leaky[0].mean - own.mean
         had, left = f"{share(leaky[0].mean)} {split.called}", f"{share(own.mean)} {data.split(own.split).called}"
-        near = "" if near_told else _near(split)
-        near_told = True
+        # Views at will are drawn anew: what lies near to the training pictures tells nothing of them.
+        near = "" if near_told or network.at_will else _near(split)
+        near_told = near_told or not network.at_will
         if drop > LARGE_DROP:
             meaning = f"the {split.label} measures interpolation between near-duplicate views, not localisation."
             said.append(f"{capital(network.called)} falls from {had} to {left}: {meaning}{near}")
@@ -197,7 +200,7 @@ def leak(data: ReportData) -> list[str]:
         else:
             # Of the figures as they stand there, so that the reader's subtraction agrees.
             points = f"{abs(_printed(leaky[0].mean) - _printed(own.mean)):.1f} points apart"
-            meaning = f"{points}, so its figure does not rest on near-duplicate views."
+            meaning = f"{points}, so that little of its figure rests on near-duplicate views."
             said.append(f"{capital(network.called)} has {had} and {left}, {meaning}{near}")
     return said
 
@@ -228,6 +231,14 @@ def calibration(data: ReportData) -> list[str]:
     if shy:
         said.append(f"Less sure than it could be: {listed(shy)}.")
     return said
+
+
+def short_training(network: NetworkResult) -> str | None:
+    """Says so where no run has more than one value of its loss, which is no curve."""
+    if any(len(run.loss) > 1 for run in network.training):
+        return None
+    values = listed([f"{run.loss[0]:.3g}" for run in network.training if len(run.loss)] or ["none"])
+    return f"The training was too short for a curve: each run has one value only ({values}), for all its steps."
 
 
 def against_published(test: TestResult, published: Published) -> str:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from naris.anatomy.builtin import NORMAL_RANGES, NoseParameters
+from naris.core.anatomy import Anatomy
 from naris.errors import InputError
 
 NAMES = sorted(NORMAL_RANGES)
@@ -57,6 +60,16 @@ def test_the_page_tells_the_parameters_as_they_are() -> None:
     for name, normal in NORMAL_RANGES.items():
         row = f"| `{name}` | {getattr(default, name):g} {normal.unit} | {normal.low:g} to {normal.high:g} |"
         assert row in page, "run docs/make_builtin_nose_figures.py"
+
+
+def test_the_page_tells_the_passages_as_they_are(nose: Anatomy) -> None:
+    page = (DOCS / "builtin_nose.md").read_text()
+    told = re.findall(r"\| passage `(.*)` \| (\d+) mm, from its middle to the wall ([\d.]+)–([\d.]+) mm \|", page)
+    assert [name for name, *_ in told] == [one.name for one in nose.passages], "run docs/make_builtin_nose_figures.py"
+    for (_, *numbers), one in zip(told, nose.passages, strict=True):
+        measured = [one.length_mm, one.clearance_mm.min(), one.clearance_mm.max()]
+        # The last digits of a mesh differ between machines.
+        assert np.all(np.abs(np.array(numbers, dtype=float) - measured) < [0.6, 0.02, 0.02]), one.name
 
 
 def test_the_figures_of_the_page_exist_and_are_light() -> None:
