@@ -159,6 +159,14 @@ def test_a_stream_goes_on_with_the_same_weights(tmp_path: Path) -> None:
     assert _same_weights(whole.checkpoint, parts.checkpoint)
 
 
+def test_short_trainings_have_a_curve_too(tmp_path: Path) -> None:
+    """Where a budget or a number of steps ends it, an epoch may be longer than all of it."""
+    config = COMPACT_AT_WILL.with_(network=TINY, batch=8, precision="float32", threads=1, replay=Replay(2, 3))
+    assert train(_BarStream(), config.lasting(steps=41), tmp_path / "steps").loss.shape == (21,)
+    assert train(_examples(), QUICK.lasting(steps=9), tmp_path / "few").loss.shape == (9,)
+    assert train(_examples(), QUICK.lasting(epochs=2), tmp_path / "epochs").loss.shape == (2,)
+
+
 def test_what_the_poses_say_counts_in_what_a_model_says_of_regions(tmp_path: Path) -> None:
     """Against the pool made by hand from the parts."""
     config = COMPACT_AT_WILL.lasting(steps=60).with_(
@@ -287,6 +295,24 @@ def test_a_training_from_given_weights_is_taken_up_again_and_told_from_others(tm
     train(_examples(), QUICK, tmp_path / "a", start=start)
     train(_examples(), QUICK, tmp_path / "b", start=start)
     assert _same_weights(tmp_path / "a" / MODEL, tmp_path / "b" / MODEL)
+
+
+def test_frozen_layers_stay_as_they_began(tmp_path: Path) -> None:
+    """Their norms' running means as well; the layers behind them learn, and go on after a stop as without one."""
+    start = load_checkpoint(train(_examples(), QUICK, tmp_path / "start").checkpoint)
+    config = QUICK.with_(frozen=2)
+    with pytest.raises(KeyboardInterrupt):
+        train(_examples(), config, tmp_path / "a", start=start, progress=_Stop(4))
+    for folder in ("a", "b"):
+        train(_examples(), config, tmp_path / folder, start=start)
+    assert _same_weights(tmp_path / "a" / MODEL, tmp_path / "b" / MODEL)
+    weights = load_checkpoint(tmp_path / "a" / MODEL).weights
+    still = {name for name, value in weights.items() if np.array_equal(value, start.weights[name])}
+    first = {name for name in weights if name.startswith(("stem.", "stages.0."))}
+    assert first <= still
+    assert not {name for name in still - first if name.startswith("stages.1.")}
+    with pytest.raises(InputError, match="weights to start from"):
+        train(_examples(), config, tmp_path / "c")
 
 
 @pytest.mark.parametrize(

@@ -78,6 +78,14 @@ def test_another_unit_on_request(surface: Path, capfd) -> None:
     assert json.loads(capfd.readouterr().out)["bounds_mm"]["high"][1] == pytest.approx(tube.bounds_mm[1, 1], abs=1e-3)
 
 
+def test_unit_and_frame_of_a_kept_anatomy_are_known(tube: Path, capfd) -> None:
+    for what in (tube, tube / "anatomy.json"):
+        assert main(["anatomy", str(what), "--unit", "mm", "--frame", "LPS"]) == 2
+        assert re.search(
+            r"expected --unit, --frame only with a surface file, got .*; leave them out", capfd.readouterr().err
+        )
+
+
 def bad_surface(kind: str, folder: Path) -> str:
     path, tube = folder / "bad.ply", winding_tube()
     if kind == "text":

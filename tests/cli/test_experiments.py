@@ -16,8 +16,10 @@ import naris.demo
 import naris.reproduce
 from naris.anatomy.builtin import built_in_nose
 from naris.cli import bench, main
+from naris.core.provenance import plain
 from naris.dataset.splits import SplitSizes
 from naris.demo import DemoConfig
+from naris.experiment.claim import claim
 from tests.winding_tube import SLABS
 
 NOSE = cache(built_in_nose)
@@ -30,6 +32,14 @@ def test_a_folder_of_somebody_else_is_refused(tmp_path: Path, capfd: pytest.Capt
     assert capfd.readouterr().err.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
     assert (tmp_path / "report.html").read_text() == "mine"
+
+
+def test_a_demo_with_other_settings_is_refused_by_their_names(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    claim(tmp_path, {"experiment": "demo", "config": plain(DemoConfig())})
+    assert main(["demo", "-o", str(tmp_path), "--seed", "3", "--budget-s", "90"]) == 2
+    assert "got other settings: --budget-s (none → 90), --seed (0 → 3); give another" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,9 @@ def test_training_tells_its_model_and_a_second_run_does_nothing(pictures: Path, 
 def test_another_training_in_the_same_folder_is_refused(pictures: Path, trained: Path, capfd) -> None:
     before = (trained / "model.safetensors").read_bytes()
     assert main(["train", str(pictures), "-o", str(trained), "--epochs", "2", "--quiet"]) == 2
-    assert capfd.readouterr().err.count("\n") == 1
+    told = capfd.readouterr().err
+    assert told.count("\n") == 1
+    assert "got other settings: --epochs (1 → 2); use another folder" in told
     assert (trained / "model.safetensors").read_bytes() == before
 
 
@@ -174,6 +176,7 @@ def bad_words(kind: str, pictures: Path, trained: Path, folder: Path) -> list[st
         ],
         "field of view of a data set": ["train", str(pictures), "-o", str(folder / "run"), "--fov-deg", "45"],
         "regions of a data set": ["train", str(pictures), "-o", str(folder / "run"), "--regions", "slabs"],
+        "runs at a time of one": ["train", str(pictures), "-o", str(folder / "run"), "--workers", "2"],
         "runs at a time on views": [
             "train",
             "builtin",
@@ -219,6 +222,7 @@ def _other_regions(pictures: Path, folder: Path) -> list[str]:
         "scopes of a data set",
         "field of view of a data set",
         "regions of a data set",
+        "runs at a time of one",
         "runs at a time on views",
         "nothing to learn from",
     ],
@@ -231,3 +235,46 @@ def test_a_refusal_is_one_sentence(kind: str, pictures: Path, trained: Path, tmp
     assert told.out == ""
     assert re.fullmatch(r"naris: [^\n]+; [^\n]+\n", told.err), told.err
     assert not (tmp_path / "run" / "model.safetensors").exists()
+
+
+@pytest.mark.parametrize(
+    ("source", "got"),
+    [("nope/", "nothing at nope/"), (".", "the folder . with neither"), ("notes.txt", "the file notes.txt")],
+)
+def test_where_there_is_nothing_to_learn_from_both_kinds_are_told(
+    source: str, got: str, tmp_path, monkeypatch, capfd
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "notes.txt").write_text("about noses")
+    assert main(["train", source, "-o", "run"]) == 2
+    told = capfd.readouterr().err
+    for word in (
+        "a data set (a folder with dataset.json",
+        "builtin",
+        ".stl",
+        "a folder with anatomy.json",
+        f"got {got};",
+    ):
+        assert word in told
+    assert not (tmp_path / "run").exists()
+
+
+def test_where_there_is_no_data_set_to_evaluate_on(tube: Path, trained: Path, capfd) -> None:
+    for folder, got in ((tube / "nope", "nothing"), (tube, "a folder without dataset.json")):
+        assert main(["evaluate", str(trained), "-d", str(folder)]) == 2
+        told = capfd.readouterr().err
+        assert re.fullmatch(
+            rf"naris: expected a data set \(.*naris simulate\) at .*, got {got}; check the path\n", told
+        ), told
+
+
+@pytest.mark.slow
+def test_other_views_of_an_anatomy_are_refused_by_name(tube: Path, tmp_path, capfd) -> None:
+    words = ["train", str(tube), "-o", str(tmp_path / "run"), "--steps", "1", "--quiet"]
+    assert main(words) == 0
+    capfd.readouterr()
+    assert main([*words, "--views", "travel", "--fov-deg", "60", "--appearance", "unseen"]) == 2
+    told = capfd.readouterr().err
+    assert "got other data: --views (inspection → travel), --appearance, --fov-deg (45 → 60); use another" in told
+    assert main([*words, "--seeds", "3"]) == 2
+    assert "got other settings: --seeds (0 → 3)" in capfd.readouterr().err

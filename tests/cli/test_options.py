@@ -1,4 +1,4 @@
-"""Numbers that no verb can use: one sentence and status 2, before anything is touched."""
+"""Numbers that no verb can use, options without effect: one sentence and status 2, before anything is touched."""
 
 from __future__ import annotations
 
@@ -46,6 +46,35 @@ def test_a_number_out_of_range_gets_one_sentence_that_names_it(words: str, tmp_p
     assert main(words.split()) == 2
     told = capfd.readouterr()
     assert re.fullmatch(rf"naris: expected {option} a [^\n]+, got [^\n]+; [^\n]+\n", told.err), told.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("anatomy builtin --unit mm", "--unit"),
+        ("anatomy builtin --unit cm --frame LPS", "--unit, --frame"),
+        ("anatomy nose.ply --set cavity_length_mm=70", "--set"),
+        ("simulate builtin -o out --keyframes keys.json --count 5", "--count"),
+        ("simulate builtin -o out --keyframes keys.json --views trajectories --count 5", "--count, --views"),
+        ("simulate builtin -o out --step-mm 1", "--step-mm"),
+        ("simulate builtin -o out --views travel --per-position 10", "--per-position"),
+        ("train builtin -o out --workers 1", "--workers"),
+        ("train builtin -o out --scopes many --fov-deg 45", "--fov-deg"),
+        ("bench demo --work out --anatomy builtin", "--anatomy"),
+    ],
+)
+def test_an_option_without_effect_gets_one_sentence_that_names_it(
+    words: str, named: str, tmp_path: Path, monkeypatch, capfd
+) -> None:
+    """Also where what is given is what holds without it."""
+    monkeypatch.chdir(tmp_path)
+    assert main(words.split()) == 2
+    told = capfd.readouterr()
+    assert told.out == ""
+    assert re.fullmatch(rf"naris: expected {named} (only )?with[^\n]+, got [^\n]+; leave [^\n]+ out\n", told.err), (
+        told.err
+    )
     assert not list(tmp_path.iterdir())
 
 

@@ -141,12 +141,13 @@ def test_every_verb_tells_its_options_with_defaults(name: str) -> None:
     done = run(*name.split(), "--help")
     assert done.returncode == 0, done.stderr
     assert f"usage: naris {name}" in done.stdout
+    assert "None" not in done.stdout
     rows = re.sub(r"[│╭╮╰╯─]", " ", done.stdout)
-    options = re.split(r"\n +(?=-{1,2}[a-z])", rows)[1:]
+    options = re.split(r"\n  (?=-{1,2}[a-z])", rows)[1:]
     assert len(options) >= 1
     for option in options:
         words = " ".join(option.split())
-        assert words.startswith("-h") or "(default: " in words or "(required" in words or "(repeatable" in words, words
+        assert re.search(r"^-h|\((default: [^)]+|required|optional|repeatable)\)$", words), words
     assert done.stderr == ""
 
 
@@ -170,6 +171,9 @@ def test_without_words_the_overview(capsys) -> None:
         (["--json"], "expected a verb"),
         (["fetch"], "naris fetch --help tells the options"),
         (["fetch", "the-moon"], "mean-nose"),
+        (["train", "a", "-o", "b", "--views", "x"], "expected --views anywhere, inspection or travel, got 'x'"),
+        (["train", "a", "-o", "b", "--views", "None"], "--views"),
+        (["train", "a", "-o", "b", "--steps", "None"], "expected --steps INT, got 'None'"),
         (["fetch", "mean-nose", "--attempts", "many"], "expected --attempts INT, got 'many'"),
         (["train", "a", "-o", "b", "--steps", "x"], "expected --steps INT, got 'x'"),
         (["demo", "--budget-s", "x"], "expected --budget-s FLOAT, got 'x'"),

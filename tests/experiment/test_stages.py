@@ -90,6 +90,37 @@ def test_a_folder_is_claimed_once_and_by_one(tmp_path: Path) -> None:
         claim(tmp_path, {"a": 2})
 
 
+def experiment(seed: int = 0, epochs: int = 30, anatomy: str = "a" * 64, name: str = "reproduce") -> dict[str, object]:
+    config = {
+        "epochs": epochs,
+        "runs": epochs,
+        "compact_runs": epochs,
+        "sizes": {"test_positions": epochs},
+        "seed": seed,
+    }
+    return {"experiment": name, "anatomy": anatomy, "look": {"material": {"image": [seed]}}, "config": config}
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        (experiment(seed=1), r"other settings: --seed \(0 → 1\), --texture;"),
+        (
+            experiment(epochs=2),
+            r"other settings: --epochs \(30 → 2\), --runs \(30 → 2\), sizes test positions \(30 → 2\);",
+        ),
+        (experiment(seed=1, epochs=2), r"--epochs \(30 → 2\), --runs \(30 → 2\), --seed \(0 → 1\) and 2 more;"),
+        (experiment(anatomy="b" * 64), "got other data: the anatomy;"),
+        (experiment(seed=1, anatomy="b" * 64), "--texture and other data: the anatomy;"),
+        (experiment(name="demo"), "got another, reproduce;"),
+    ],
+)
+def test_another_experiment_is_refused_by_what_differs(tmp_path: Path, other: dict[str, object], told: str) -> None:
+    claim(tmp_path, experiment())
+    with pytest.raises(ConfigurationChanged, match=told):
+        claim(tmp_path, other)
+
+
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "report.html").write_text("mine")
     with pytest.raises(InputError, match="new or empty folder"):

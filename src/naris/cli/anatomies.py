@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from naris.anatomy.builtin import NORMAL_RANGES, NoseParameters, built_in_nose
-from naris.anatomy.folder import BUILTIN, SLABS, load_anatomy
+from naris.anatomy.folder import BUILTIN, DESCRIPTION, SLABS, load_anatomy
+from naris.anatomy.read import READERS
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.errors import InputError
 
@@ -29,6 +30,17 @@ def open_anatomy(
     added = regions if regions is not None and (regions == SLABS or Path(regions).suffix == ".json") else None
     anatomy = load_anatomy(what, regions=added, frame=frame, unit=unit)
     return anatomy, anatomy.region_set(None if added else regions)
+
+
+def is_whole_anatomy(what: str) -> bool:
+    """Whether a word means an anatomy whose unit and frame are known: `builtin`, or a folder of naris anatomy."""
+    path = Path(what)
+    return what == BUILTIN or path.name == DESCRIPTION or (path / DESCRIPTION).is_file()
+
+
+def is_anatomy(what: str) -> bool:
+    """Whether a word means an anatomy at all, by its name and without reading it."""
+    return is_whole_anatomy(what) or (Path(what).suffix.lower() in READERS and not Path(what).is_dir())
 
 
 def shaped_nose(what: str, settings: tuple[str, ...]) -> Anatomy:

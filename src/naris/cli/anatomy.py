@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven, refuse
 
 if TYPE_CHECKING:
     from naris.core.anatomy import Anatomy, Passage
@@ -22,28 +23,33 @@ class Options:
 
     anatomy: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ANATOMY")]
     """`builtin`, a surface file (PLY, STL, OBJ, VTP), or a folder made by this command."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
+    out: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
     """Keep the anatomy with its regions and passages in this folder, with a picture (anatomy.html)."""
-    unit: Literal["mm", "cm", "m", "in", "um"] = "mm"
-    """Of the numbers in a surface file."""
-    frame: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    """Of the coordinates in a surface file: LPS, RAS or a name of its own; by default what the file says, else LPS."""
-    regions: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
-    """Region set to put first: one of its own, a JSON file, or four even slabs from front to back."""
-    set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=NUMBER")] = ()
+    unit: IfGiven[Literal["mm", "cm", "m", "in", "um"]] = None
+    """Of the numbers in a surface file; mm when not given. Not for any other anatomy."""
+    frame: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
+    """Of the coordinates in a surface file: LPS, RAS or a name of its own; by default what the file says, else LPS.
+    Not for any other anatomy."""
+    regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
+    """Region set to put first: one of its own, a JSON file, or four even slabs from front to back; by default the order
+    stays."""
+    set: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=NUMBER", help_behavior_hint="(optional)")] = ()
     """Parameters of the built-in nose (mm or degrees), e.g. cavity_length_mm=70; a wrong name lists them all."""
 
 
 def run(options: Options, console: Console) -> int:
     """Reads or makes the anatomy, tells what it is, keeps it if asked."""
     from naris.anatomy.folder import save_anatomy
-    from naris.cli.anatomies import open_anatomy, shaped_nose
+    from naris.cli.anatomies import is_whole_anatomy, open_anatomy, shaped_nose
 
+    if is_whole_anatomy(options.anatomy):
+        refuse(options, ("unit", "frame"), "only with a surface file", f"the anatomy {options.anatomy}")
     if options.set:
         anatomy = shaped_nose(options.anatomy, options.set)
         regions = anatomy.region_set(options.regions)
     else:
-        anatomy, regions = open_anatomy(options.anatomy, options.regions, frame=options.frame, unit=options.unit)
+        unit = options.unit or "mm"
+        anatomy, regions = open_anatomy(options.anatomy, options.regions, frame=options.frame, unit=unit)
     others = {name: one for name, one in anatomy.regions.items() if name != regions.name}
     anatomy = anatomy.with_(regions={regions.name: regions, **others})
     data = _describe(anatomy)
@@ -104,7 +110,7 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
     return {
         "from": data["source"],
         "frame": f"{data['frame']}, {extent} mm",
-        "surface": f"{data['vertices']} vertices, {data['faces']} faces, "
+        "surface": f"{data['vertices']:,} vertices, {data['faces']:,} faces, "
         f"{'closed' if data['closed'] else 'open'}, {pieces}, genus {data['genus']}",
         "encloses": f"{data['volume_ml']:.1f} ml",
         "air": where[data["airspace"]],
@@ -117,7 +123,7 @@ def _text(data: dict[str, Any]) -> str:
     for name, names in data["regions"].items():
         lines.append(f"  regions {name}: {', '.join(names)}")
     for one in data["passages"]:
-        room = f"room {one['clearance_least_mm']:.1f}–{one['clearance_most_mm']:.1f} mm to the wall"
+        room = f"room {one['clearance_least_mm']:.2f}–{one['clearance_most_mm']:.2f} mm to the wall"
         lines.append(f"  passage {one['name']}: {one['length_mm']:.0f} mm, {room}")
     if "folder" in data:
         lines.append(f"kept in {data['folder']}, picture in {data['picture']}")

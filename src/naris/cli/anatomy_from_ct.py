@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
     from naris.airway.segment import Airway
@@ -27,7 +28,7 @@ class Options:
     """A DICOM folder or file, or a .nrrd, .nii, .nii.gz, .mha or .mhd file, in Hounsfield units."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")]
     """Folder for the anatomy: new, empty, or one made by this command."""
-    series: Annotated[str | None, tyro.conf.arg(metavar="KEY")] = None
+    series: Annotated[IfGiven[str], tyro.conf.arg(metavar="KEY")] = None
     """Which DICOM series, where a folder holds several (the message that says so lists them)."""
     name: str = "patient"
     """What to call the anatomy; it goes into every output, so no name of a person."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
     from naris.report.data import ReportData
@@ -22,7 +23,7 @@ class Options:
 
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = Path("out/demo")
     """Folder of the pictures, the networks and the report: new, or one that this very command began."""
-    budget_s: float | None = None
+    budget_s: IfGiven[float] = None
     """Seconds of training of the compact network, more is better; what is left of five minutes when not given."""
     seed: int = 0
     """Of everything random."""

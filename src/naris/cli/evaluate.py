@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
     from naris.evaluate import Summary
@@ -24,11 +25,11 @@ class Options:
     """Weights made by naris train: files or folders; a folder of several seeds gives one run each."""
     data: Annotated[Path, tyro.conf.arg(aliases=["-d"], metavar="DATASET")]
     """Folder of naris simulate whose pictures the models have not seen."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
+    out: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
     """Keep what the models said (predictions-N.npz, read again next time) and the scores (scores.json) here."""
     by: Literal["position", "trajectory"] = "position"
     """What the interval resamples: the views of one position, or of one trajectory, are near-copies."""
-    threads: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    threads: Annotated[IfGiven[int], tyro.conf.arg(metavar="N")] = None
     """Of the network; by default as many as the library likes."""
 
 
@@ -75,13 +76,13 @@ def _text(found: Summary, data: dict[str, Any]) -> str:
     low, high = (100 * end for end in found.interval)
     spread = "" if found.std is None else f" ± {100 * found.std:.1f} over {len(found.scores)} runs"
     first, several = found.scores[0], len(found.scores) > 1
-    wrong = sum(round((1 - one.accuracy) * one.pictures) for one in found.scores)
+    far = found.nonneighbour_error
     lines = [
         f"accuracy {100 * found.mean:.1f} %{spread} (95 % interval {low:.1f}–{high:.1f}), "
         f"{first.pictures} pictures of {first.clusters} {data['resampled']} clusters",
         "no wrong answers"
-        if not wrong
-        else f"{100 * found.nonneighbour_error:.1f} % of wrong answers name a region that does not touch the true one",
+        if far is None
+        else f"{100 * far:.1f} % of wrong answers name a region that does not touch the true one",
         *(["the first of them (--json tells all):"] if several else []),
         f"calibration error {first.reliability.ece:.3f}"
         + ("" if first.refused is None else f"; {100 * first.refused:.1f} % seen as none of the training's kind"),

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven
 
 
 @dataclass(frozen=True)
@@ -17,9 +18,9 @@ class Options:
 
     name: Annotated[tyro.conf.Positional[Literal["mean-nose"]], tyro.conf.arg(metavar="{mean-nose}")]
     """mean-nose: the mean nasal cavity of Sinha et al. 2018 and the texture of their experiment (1.8 MB, MIT)."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
+    out: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
     """Folder for the files; by default one of that name in the cache, $XDG_CACHE_HOME/naris or ~/.cache/naris."""
-    base_url: Annotated[str | None, tyro.conf.arg(metavar="URL")] = None
+    base_url: Annotated[IfGiven[str], tyro.conf.arg(metavar="URL")] = None
     """Where the files lie, for a mirror; by default where they were published."""
     attempts: int = 4
     """How often a file is tried before giving up."""

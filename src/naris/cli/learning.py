@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
-from naris.cli.anatomies import open_anatomy
+from naris.anatomy.folder import BUILTIN, DESCRIPTION
+from naris.anatomy.read import READERS
+from naris.cli.anatomies import is_anatomy, open_anatomy
 from naris.cli.looks import look
+from naris.cli.options import refuse
 from naris.cli.train import Options
 from naris.core.camera import Intrinsics
 from naris.core.progress import Progress
@@ -25,7 +27,10 @@ _OF_VIEWS = ("regions", "views", "appearance", "scopes", "fov_deg")
 """Options that say which views of an anatomy to learn from; a data set has its own."""
 
 _OF_RUNS = ("workers",)
-"""Options that a data set takes alone: views at will are drawn on all cores for one run after the other."""
+"""Options that several runs on a data set take alone: views at will are drawn on all cores for one after the other."""
+
+_OF_ONE_SCOPE = ("fov_deg",)
+"""Options of the one camera; many scopes have angles of their own."""
 
 
 def carry_out(options: Options, progress: Progress) -> list[TrainingRun]:
@@ -38,14 +43,20 @@ def carry_out(options: Options, progress: Progress) -> list[TrainingRun]:
         raise InputError("seeds that differ", f"{options.seeds}", "give each once")
     folder = Path(options.source)
     if (folder / ABOUT).is_file():
-        _refuse(options, _OF_VIEWS, "an anatomy", "the data set")
+        refuse(options, _OF_VIEWS, "only with an anatomy", f"the data set {options.source}")
+        if len(options.seeds) == 1:
+            refuse(options, _OF_RUNS, "only with several --seeds", "one seed")
         examples = Examples.of(Dataset.open(folder))
         config = _lasting(PUBLISHED if options.network == "two-layer" else COMPACT_FEW, options)
         if len(options.seeds) > 1:
             workers = options.workers or 1
             return train_runs(examples, config, options.seeds, options.out, workers=workers, progress=progress)
         return [train(examples, config.with_(seed=options.seeds[0]), options.out, progress=progress)]
-    _refuse(options, _OF_RUNS, "a data set", "the anatomy")
+    if not is_anatomy(options.source):
+        raise _neither(options.source)
+    refuse(options, _OF_RUNS, "only with a data set", f"the anatomy {options.source}")
+    if options.scopes == "many":
+        refuse(options, _OF_ONE_SCOPE, "only with one camera", "--scopes many")
     two_layer = PUBLISHED.lasting(steps=_TWO_LAYER_STEPS)
     config = _lasting(two_layer if options.network == "two-layer" else COMPACT_AT_WILL, options)
     stream = _stream(options, config.network.input_px)
@@ -55,12 +66,16 @@ def carry_out(options: Options, progress: Progress) -> list[TrainingRun]:
     ]
 
 
-def _refuse(options: Options, names: Sequence[str], goes_with: str, got: str) -> None:
-    """Options that say nothing about what is learned from must not be passed over in silence."""
-    given = [f"--{name.replace('_', '-')}" for name in names if getattr(options, name) is not None]
-    if given:
-        todo = f"leave {'it' if len(given) == 1 else 'them'} out"
-        raise InputError(f"{', '.join(given)} only with {goes_with}", f"{got} {options.source}", todo)
+def _neither(source: str) -> InputError:
+    """What to say of a path where there is nothing to learn from."""
+    path = Path(source)
+    got = f"the folder {source} with neither" if path.is_dir() else f"the file {source}"
+    return InputError(
+        f"a data set (a folder with {ABOUT}, made by naris simulate) or an anatomy ({BUILTIN}, a surface file "
+        f"{', '.join(READERS)}, or a folder with {DESCRIPTION}, made by naris anatomy)",
+        got if path.exists() else f"nothing at {source}",
+        "check the path",
+    )
 
 
 def _folders(options: Options) -> dict[int, Path]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
     from naris.core.camera import Intrinsics
@@ -25,14 +26,14 @@ class Options:
     """PNG, JPEG, TIFF, BMP or WebP files of any size; the round picture of an endoscope on black is understood."""
     model: Annotated[Path, tyro.conf.arg(aliases=["-m"], metavar="MODEL")]
     """Weights made by naris train: the file, or the folder of the training."""
-    intrinsics: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    intrinsics: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
     """Camera that took the pictures: JSON with width, height, fx, fy, cx, cy in pixels and the lens, as in the
     dataset.json of a data set; by default the angle of the training's pictures is assumed."""
     out_of_domain: float = 0.5
     """A picture that is further than this from those of the training (0–1) is not localised; 1 refuses none."""
     probability: float = 0.7
     """The most probable region must be at least so probable, or the picture is not localised."""
-    threads: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    threads: Annotated[IfGiven[int], tyro.conf.arg(metavar="N")] = None
     """Of the network; by default as many as the library likes."""
 
 

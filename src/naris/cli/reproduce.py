@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
     from naris.report.data import ReportData
@@ -26,7 +27,7 @@ class Options:
     """The picture that colours the walls (sampled_texture.jpg of naris fetch mean-nose)."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = Path("out/reproduce")
     """Folder of the pictures, the networks and the report: new, or one that this very command began."""
-    regions: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
+    regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
     """Region set; by default the anatomy's first (the paper's four slabs for the mean nose)."""
     epochs: int = 30
     """Of the two-layer network."""

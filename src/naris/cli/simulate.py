@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
     from naris.dataset.read import Dataset
@@ -23,25 +24,27 @@ class Options:
     """`builtin`, a surface file in mm (PLY, STL, OBJ, VTP), or a folder made by naris anatomy."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")]
     """Folder of the data set: new, or one that this very command began."""
-    count: int = 1000
-    """How many pictures (not with --keyframes, which tell themselves)."""
-    views: Literal["inspection", "travel", "anywhere", "trajectories"] = "inspection"
-    """inspection: along the passages, some depth ahead, each region equally often; travel: the same, and each
-    stretch of the way equally often; anywhere: any place with room; trajectories: steered along the passages, 10 views
-    at each position."""
-    keyframes: Annotated[Path | None, tyro.conf.arg(metavar="FILE|DIR")] = None
+    count: IfGiven[int] = None
+    """How many pictures; 1000 when not given. Not with --keyframes, which tell themselves."""
+    views: IfGiven[Literal["inspection", "travel", "anywhere", "trajectories"]] = None
+    """inspection, when not given: along the passages, some depth ahead, each region equally often; travel: the same,
+    and each stretch of the way equally often; anywhere: any place with room; trajectories: steered along every passage,
+    several views at each position, and where --count asks for fewer positions than that gives, those that are spread
+    evenly over regions and passages. Not with --keyframes."""
+    keyframes: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE|DIR")] = None
     """Go from keyframe to keyframe instead: a JSON file (docs/keyframes.md) or the original's folder of text files."""
-    step_mm: float = 1.0
-    """Between positions on the way from keyframe to keyframe, in mm."""
-    per_position: int = 10
-    """Views at each position of a trajectory."""
-    regions: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
+    step_mm: IfGiven[float] = None
+    """Between positions on a trajectory or from keyframe to keyframe, in mm; 1 when not given. Only with --views
+    trajectories or --keyframes."""
+    per_position: IfGiven[int] = None
+    """Views at each of these positions; 10 when not given. Only with --views trajectories or --keyframes."""
+    regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
     """Region set that labels the views: one of the anatomy's own, a JSON file, or four even slabs; by default its
     first."""
     appearance: Literal["endoscope", "training", "unseen", "paper", "paper-culled"] = "endoscope"
     """endoscope: one realistic look; training, unseen: a look for each picture, from disjoint distributions;
     paper: the published light; paper-culled: the same with near walls culled, as the published code did."""
-    texture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    texture: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
     """A picture that colours the walls vertex by vertex, as in the published experiment."""
     width: int = 300
     """Of the pictures, in pixels."""
@@ -53,10 +56,10 @@ class Options:
     """Of everything random: the same seed gives the same bytes, for any number of workers."""
     depth: bool = True
     """Keep depth, as 16-bit PNG."""
-    original: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    original: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
     """Write the pictures and poses also as the frame/ and pose/ folders of the published code: in a folder without
     them, or with those that this very command wrote."""
-    workers: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    workers: Annotated[IfGiven[int], tyro.conf.arg(metavar="N")] = None
     """Threads; by default one a core."""
 
 

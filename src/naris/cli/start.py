@@ -28,9 +28,11 @@ BAD_INPUT, BUG, INTERRUPTED, BROKEN_PIPE = 2, 70, 130, 141
 _FRAME = re.compile(r"^[│╭╰─╮╯|\s]+|[│╭╰─╮╯|\s]+$")
 _NAME_INDENT = "│     "
 _UNFIT = re.compile(
-    r"Error parsing (?P<option>\S+): (?:no type matching (?:{None}\|)?|invalid literal for |could not "
-    r"convert string to )"
+    r"Error parsing (?P<option>\S+): (?:no type matching |invalid literal for |could not convert string to )"
     r"(?P<kind>\S+?)(?: could be instantiated from|\(\) with base 10:|:) \[?(?P<given>'.*?')\]?\.?$"
+)
+_CHOICE = re.compile(
+    r"invalid choice (?P<given>'.*') for argument '(?P<option>\S+)'\. Expected one of \((?P<those>.*)\)\.$"
 )
 _KINDS = {"int": "INT", "float": "FLOAT"}
 
@@ -136,6 +138,11 @@ def _one_line(box: str) -> str:
     said = " ".join(rows[:end])
     if unfit := _UNFIT.match(said):
         return f"expected {unfit['option']} {_KINDS.get(unfit['kind'], unfit['kind'])}, got {unfit['given']}"
+    if choice := _CHOICE.match(said):
+        # Of an option that need not be given, tyro names `None` as well, and all in an order of chance.
+        *others, last = sorted(set(re.findall(r"'(.*?)'", choice["those"])) - {"None"})
+        those = f"{', '.join(others)} or {last}" if others else last
+        return f"expected {choice['option']} {those}, got {choice['given']}"
     return said
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
     from naris.train import TrainingRun
@@ -26,32 +27,33 @@ class Options:
     several seeds DIR/seed-N/model.safetensors."""
     network: Literal["compact", "two-layer"] = "compact"
     """compact: ours, region and pose; two-layer: that of Sinha et al. 2018, regions only."""
-    epochs: int | None = None
+    epochs: IfGiven[int] = None
     """Passes through a data set; by default 60 (compact) or 30 (two-layer). On views of an anatomy, hundreds of
     batches."""
-    steps: int | None = None
+    steps: IfGiven[int] = None
     """Batches instead; by default 6000 on views of an anatomy."""
-    budget_s: float | None = None
+    budget_s: IfGiven[float] = None
     """Seconds of training instead; how far it gets then depends on the machine."""
     seeds: tuple[int, ...] = (0,)
     """Of the initial weights and the order of the pictures; several train one run each."""
-    workers: int | None = None
-    """Runs at a time on a data set, each on one thread; one when not given. Not for views of an anatomy."""
-    regions: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
+    workers: IfGiven[int] = None
+    """Runs at a time on a data set, each on one thread; one when not given. Only with several seeds, and not for views
+    of an anatomy."""
+    regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
     """Region set of an anatomy to tell apart: one of its own, a JSON file, or four even slabs; by default its first.
     A data set has its own."""
-    views: Literal["inspection", "travel", "anywhere"] | None = None
-    """Which views of an anatomy: along the passages with some depth ahead (inspection, when not given), the
-    same with each stretch of the way equally often (travel), or from any place with room (anywhere). Not for a data
-    set."""
-    appearance: Literal["training", "unseen", "endoscope", "paper"] | None = None
+    views: IfGiven[Literal["inspection", "travel", "anywhere"]] = None
+    """Which views of an anatomy: along the passages with some depth ahead (inspection, when not given), the same with
+    each stretch of every passage equally often (travel), or from any place with room (anywhere). Not for a data set."""
+    appearance: IfGiven[Literal["training", "unseen", "endoscope", "paper"]] = None
     """Look of the views of an anatomy; training, when not given: drawn for each, with texture, light, gain and noise at
     random. Not for a data set."""
-    scopes: Literal["one", "many"] | None = None
+    scopes: IfGiven[Literal["one", "many"]] = None
     """Cameras of the views of an anatomy; one, when not given; many: fields of view of 38–75 degrees, the axis a little
     off, for a model that shall read pictures of other scopes. Not for a data set."""
-    fov_deg: float | None = None
-    """Vertical field of view of the one camera, in degrees; 45 when not given. Not for a data set."""
+    fov_deg: IfGiven[float] = None
+    """Vertical field of view of the one camera, in degrees; 45 when not given. Not for a data set, nor
+    with many scopes."""
 
 
 def run(options: Options, console: Console) -> int:

@@ -126,12 +126,15 @@ class Dataset:
 
 
 def _about(folder: Path) -> dict[str, Any]:
+    if not (folder / ABOUT).is_file():
+        got = "nothing" if not folder.exists() else f"a folder without {ABOUT}" if folder.is_dir() else "a file"
+        raise DatasetError(
+            f"a data set (a folder with {ABOUT}, made by naris simulate) at {folder}", got, "check the path"
+        )
     try:
         about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(
-            f"a data set with {ABOUT} in {folder.name}", "none that can be read", "check the path"
-        ) from error
+        raise DatasetError(f"JSON in {ABOUT} of {folder}", "none that can be read", "make the data set anew") from error
     if not isinstance(about, dict) or about.get("schema") != SCHEMA:
         found = about.get("schema") if isinstance(about, dict) else type(about).__name__
         raise DatasetError(f"a data set of schema {SCHEMA}", f"{found!r} in {folder.name}", "check the path")

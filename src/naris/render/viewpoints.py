@@ -285,7 +285,7 @@ def passages_of(anatomy: Anatomy, distance: SignedDistance) -> tuple[Passage, ..
 
 
 def _even_chances(region: Int[np.ndarray, "m"], beside: Bearings) -> Float[np.ndarray, "m1"]:
-    """Chances, added up, that make each stretch of each passage equally likely, but that all regions have chances alike.
+    """Chances, added up, that make each stretch of each passage equally likely and all regions alike.
 
     A stretch that a border cuts has its chance in both regions together: the corner of it that lies beyond a border
     would else be seen as often as a whole one.

@@ -13,7 +13,7 @@ import logging
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,11 +25,20 @@ from jaxtyping import Float, Float32
 from naris.core.atomic import write_json
 from naris.core.progress import SILENT, Advance, Progress
 from naris.core.provenance import Stopwatch, digest, plain, versions
-from naris.errors import CheckpointError, ConfigurationChanged, InputError
+from naris.errors import CheckpointError, ConfigurationChanged, InputError, differences
 from naris.model.checkpoint import Checkpoint, read_tensors, save_checkpoint, write_tensors
 from naris.model.localizer import limited
 from naris.train.config import TrainConfig
-from naris.train.data import Examples, Lessons, Stream, lessons_from, lessons_of, split_off
+from naris.train.data import (
+    Examples,
+    Lessons,
+    Stream,
+    StreamLessons,
+    lessons_from,
+    lessons_of,
+    split_off,
+    stream_description,
+)
 from naris.train.fit import calibrated
 from naris.train.learner import PARTS, Learner, check_start, resolved_precision, start_told
 
@@ -37,6 +46,18 @@ MODEL, RUN, STATE = "model.safetensors", "run.json", "state.safetensors"
 _RUN_SCHEMA, _STATE_SCHEMA = "naris.training/1", "naris.training-state/1"
 _HISTORY = "history"
 _BUDGET_TICKS = 1000
+_LEAST_POINTS = 20
+_ASKED = {"kind": "--network", "epochs": "--epochs", "steps": "--steps", "budget_s": "--budget-s", "seed": "--seeds"}
+"""The settings that somebody types, as they are typed; the others come with the network and the kind of data."""
+_ONLY_HOW = ("threads", "state_every_s")
+_DATA = {
+    "kind": "what is learned from", "anatomy": "the anatomy", "passages": "the anatomy", "parts": "the anatomies",
+    "regions": "--regions", "views": "--views", "appearance": "--appearance", "scopes": "--scopes",
+    "fov_deg": "--fov-deg", "seed": "--seeds", "avoid": "the views to keep away from",
+    "region_set": "the region set", "camera": "the camera", "pictures": "the pictures",
+    "start": "the weights to start from",
+}  # fmt: skip
+"""What the data are made up of (`_parts`), as people know it."""
 
 _log = logging.getLogger(__name__)
 
@@ -49,7 +70,7 @@ class TrainingRun:
         folder: where its files are.
         seed: of the run.
         losses: (S, P) parts of the loss (`naris.train.learner.PARTS`) at every step.
-        per_epoch: steps in an epoch (for a stream, those that are reported together).
+        per_epoch: steps in an epoch (where the training does not count epochs, those that are reported together).
         pictures: shown in all.
         wall_s, cpu_s: how long it took over all its parts; CPU over all threads.
         settings: the configuration as JSON.
@@ -94,6 +115,54 @@ class _Journal:
     cpu_s: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class _Origin:
+    """What a training's result comes of.
+
+    Attributes:
+        identity: digest of all of it.
+        settings: the configuration as JSON.
+        data: what tells later in which of them other data differ: short words and numbers, and digests of the rest.
+    """
+
+    identity: str
+    settings: dict[str, Any]
+    data: dict[str, Any]
+
+    @staticmethod
+    def of(config: TrainConfig, lessons: Lessons, start: Checkpoint | None) -> _Origin:
+        identity = digest([config.made_of, lessons.identity, *([] if start is None else [start.weights])])
+        weights = None if start is None else digest(start.weights)
+        return _Origin(identity, plain(config), {**_parts(lessons), "start": weights})
+
+    def record(self) -> dict[str, Any]:
+        return {"identity": self.identity, "settings": self.settings, "data": self.data}
+
+    def check(self, record: Mapping[str, Any], out: Path) -> None:
+        """See that what is in a folder comes of the very same; records of older versions tell less of what differs."""
+        if record.get("identity") == self.identity:
+            return
+        told = {"settings": self._settings(record.get("settings")), "data": self._data(record.get("data"))}
+        raise ConfigurationChanged(
+            f"the settings and data of the training in {out}",
+            " and ".join(f"other {name}: {what}" for name, what in told.items() if what) or "others",
+            "use another folder or remove that one",
+        )
+
+    def _settings(self, old: object) -> str:
+        if not isinstance(old, Mapping):
+            return ""
+        asked = differences(_asked(old), _asked(self.settings), _ASKED)
+        before, after = ({k: v for k, v in of.items() if k not in _ONLY_HOW} for of in (old, self.settings))
+        return asked or differences(before, after, {})
+
+    def _data(self, old: object) -> str:
+        kind = {"kind": self.data["kind"]}
+        if isinstance(old, Mapping) and old.get("kind") != kind["kind"]:
+            return differences({"kind": old.get("kind")}, kind, _DATA)
+        return differences(old, self.data, _DATA)
+
+
 def train(
     data: Examples | Stream,
     config: TrainConfig,
@@ -127,22 +196,25 @@ def train(
     if isinstance(data, Examples):
         data, kept = split_off(data, config.validation_share, config.seed)
     lessons = lessons_of(data, config)
-    identity = digest([config.made_of, lessons.identity, *([] if start is None else [start.weights])])
+    origin = _Origin.of(config, lessons, start)
     if start is not None:
         check_start(start, config, lessons.subject)
+    elif config.frozen:
+        raise InputError("weights to start from", "none, and layers that stay as they begin", "give a start")
     if (out / RUN).is_file():
-        run = _same(read_run(out), out, identity)
+        origin.check(_record(out), out)
+        run = read_run(out)
         _log.info("the training in %s was finished before: nothing to do", out)
         return run
     _check_free(out)
     with limited(config.torch_threads):
-        learner, journal = _begin(lessons, config, out, identity, start)
+        learner, journal = _begin(lessons, config, out, origin, start)
         try:
             with Stopwatch() as watch, progress.task(task, _ticks(config, lessons)) as advance:
-                _learn(_Loop(learner, lessons, journal, out, identity, advance), watch)
+                _learn(_Loop(learner, lessons, journal, out, origin, advance), watch)
         finally:
             journal.wall_s, journal.cpu_s = journal.wall_s + watch.wall_s, journal.cpu_s + watch.cpu_s
-        settings = plain(config)
+        settings = origin.settings
         made = {"settings": settings, "steps": learner.steps, "precision": learner.precision, "versions": versions()}
         made |= {"data": lessons.told, "start": None if start is None else start_told(start)}
         save_checkpoint(out / MODEL, calibrated(learner.checkpoint(made), lessons, kept))
@@ -150,13 +222,13 @@ def train(
         out,
         config.seed,
         np.array(journal.history, dtype=np.float32),
-        lessons.per_epoch,
+        _reported_together(config, lessons, len(journal.history)),
         journal.pictures,
         journal.wall_s,
         journal.cpu_s,
         settings,
     )
-    _write_run(run, identity)
+    _write_run(run, origin)
     (out / STATE).unlink(missing_ok=True)
     return run
 
@@ -191,7 +263,7 @@ class _Loop:
     lessons: Lessons
     journal: _Journal
     out: Path
-    identity: str
+    origin: _Origin
     advance: Advance
 
     @property
@@ -208,7 +280,7 @@ class _Loop:
         """Write the state."""
         journal = self.journal
         about = {
-            "identity": self.identity,
+            **self.origin.record(),
             "steps": self.learner.steps,
             "precision": self.learner.precision,
             "pictures": journal.pictures,
@@ -259,7 +331,7 @@ def _check_free(out: Path) -> None:
 
 
 def _begin(
-    lessons: Lessons, config: TrainConfig, out: Path, identity: str, start: Checkpoint | None
+    lessons: Lessons, config: TrainConfig, out: Path, origin: _Origin, start: Checkpoint | None
 ) -> tuple[Learner, _Journal]:
     """A learner at its first step, or where the state in the folder says."""
     path = out / STATE
@@ -267,8 +339,7 @@ def _begin(
         fresh = Learner(config, lessons.subject, lessons.positions_mm(), resolved_precision(config), start)
         return fresh, _Journal([])
     about, tensors = read_tensors(path, _STATE_SCHEMA, "a training's state", f"remove {out} to start anew")
-    if about.get("identity") != identity:
-        raise _changed(out)
+    origin.check(about, out)
     learner = Learner(config, lessons.subject, lessons.positions_mm(), str(about["precision"]), start)
     history = tensors.pop(_HISTORY)
     learner.restore(tensors, int(about["steps"]))
@@ -282,6 +353,14 @@ def _steps(config: TrainConfig, lessons: Lessons) -> int:
 
 def _ticks(config: TrainConfig, lessons: Lessons) -> int:
     return _BUDGET_TICKS if config.budget_s is not None else _steps(config, lessons)
+
+
+def _reported_together(config: TrainConfig, lessons: Lessons, steps: int) -> int:
+    """An epoch, or less where epochs are not counted and would leave a short training with hardly a curve."""
+    if config.epochs is not None:
+        return lessons.per_epoch
+    few = max([n for n in (1, 2, 5, 10, 20, 50, 100) if n * _LEAST_POINTS <= steps], default=1)
+    return min(few, lessons.per_epoch)
 
 
 @contextmanager
@@ -298,12 +377,11 @@ def _interrupts() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, before)
 
 
-def _write_run(run: TrainingRun, identity: str) -> None:
+def _write_run(run: TrainingRun, origin: _Origin) -> None:
     content = {
         "schema": _RUN_SCHEMA,
-        "identity": identity,
+        **origin.record(),
         "seed": run.seed,
-        "settings": run.settings,
         "per_epoch": run.per_epoch,
         "pictures": run.pictures,
         "wall_s": round(run.wall_s, 3),
@@ -326,13 +404,20 @@ def _record(folder: Path) -> dict[str, Any]:
     return content
 
 
-def _same(run: TrainingRun, out: Path, identity: str) -> TrainingRun:
-    if _record(out).get("identity") != identity:
-        raise _changed(out)
-    return run
+def _asked(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Of recorded settings, those that somebody asked for: the name of the network, how long and with which seed."""
+    kind = "compact" if "hypotheses" in (settings.get("network") or {}) else "two-layer"
+    return {"kind": kind, **{name: settings.get(name) for name in _ASKED if name != "kind"}}
 
 
-def _changed(out: Path) -> ConfigurationChanged:
-    return ConfigurationChanged(
-        f"the settings and data of the training in {out}", "others", "use another folder or remove that one"
-    )
+def _parts(lessons: Lessons) -> dict[str, Any]:
+    """What makes up the data, each in a word, a number or a digest, so that other data can be told by name."""
+    subject = lessons.subject
+    regions, camera = subject.regions.digest, subject.intrinsics
+    if not isinstance(lessons, StreamLessons):
+        fixed = {"region_set": regions, "camera": digest(camera), "pictures": lessons.identity}
+        return {"kind": "data set", "anatomy": subject.anatomy_digest, **fixed}
+    views = stream_description(lessons.stream)
+    parts = {name: getattr(value, "name", None) or digest(value) for name, value in views.items() if name in _DATA}
+    angle = {"fov_deg": round(camera.vertical_fov_deg, 6)}
+    return {**parts, "kind": "views at will", "anatomy": subject.anatomy_digest, "regions": regions, **angle}
