@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from naris.core.atomic import write_json
+from naris.core.differences import differences
 from naris.core.provenance import digest
-from naris.errors import ConfigurationChanged, InputError, differences
+from naris.errors import ConfigurationChanged, InputError
 
 SETTINGS = "settings.json"
 _TYPED = {

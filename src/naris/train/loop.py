@@ -13,7 +13,7 @@ import logging
 import signal
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,40 +24,21 @@ from jaxtyping import Float, Float32
 
 from naris.core.atomic import write_json
 from naris.core.progress import SILENT, Advance, Progress
-from naris.core.provenance import Stopwatch, digest, plain, versions
-from naris.errors import CheckpointError, ConfigurationChanged, InputError, differences
+from naris.core.provenance import Stopwatch, versions
+from naris.errors import CheckpointError, InputError
 from naris.model.checkpoint import Checkpoint, read_tensors, save_checkpoint, write_tensors
 from naris.model.localizer import limited
 from naris.train.config import TrainConfig
-from naris.train.data import (
-    Examples,
-    Lessons,
-    Stream,
-    StreamLessons,
-    lessons_from,
-    lessons_of,
-    split_off,
-    stream_description,
-)
+from naris.train.data import Examples, Lessons, Stream, lessons_from, lessons_of, split_off
 from naris.train.fit import calibrated
 from naris.train.learner import PARTS, Learner, check_start, resolved_precision, start_told
+from naris.train.origin import Origin
 
 MODEL, RUN, STATE = "model.safetensors", "run.json", "state.safetensors"
 _RUN_SCHEMA, _STATE_SCHEMA = "naris.training/1", "naris.training-state/1"
 _HISTORY = "history"
 _BUDGET_TICKS = 1000
 _LEAST_POINTS = 20
-_ASKED = {"kind": "--network", "epochs": "--epochs", "steps": "--steps", "budget_s": "--budget-s", "seed": "--seeds"}
-"""The settings that somebody types, as they are typed; the others come with the network and the kind of data."""
-_ONLY_HOW = ("threads", "state_every_s")
-_DATA = {
-    "kind": "what is learned from", "anatomy": "the anatomy", "passages": "the anatomy", "parts": "the anatomies",
-    "regions": "--regions", "views": "--views", "appearance": "--appearance", "scopes": "--scopes",
-    "fov_deg": "--fov-deg", "seed": "--seeds", "avoid": "the views to keep away from",
-    "region_set": "the region set", "camera": "the camera", "pictures": "the pictures",
-    "start": "the weights to start from",
-}  # fmt: skip
-"""What the data are made up of (`_parts`), as people know it."""
 
 _log = logging.getLogger(__name__)
 
@@ -115,54 +96,6 @@ class _Journal:
     cpu_s: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class _Origin:
-    """What a training's result comes of.
-
-    Attributes:
-        identity: digest of all of it.
-        settings: the configuration as JSON.
-        data: what tells later in which of them other data differ: short words and numbers, and digests of the rest.
-    """
-
-    identity: str
-    settings: dict[str, Any]
-    data: dict[str, Any]
-
-    @staticmethod
-    def of(config: TrainConfig, lessons: Lessons, start: Checkpoint | None) -> _Origin:
-        identity = digest([config.made_of, lessons.identity, *([] if start is None else [start.weights])])
-        weights = None if start is None else digest(start.weights)
-        return _Origin(identity, plain(config), {**_parts(lessons), "start": weights})
-
-    def record(self) -> dict[str, Any]:
-        return {"identity": self.identity, "settings": self.settings, "data": self.data}
-
-    def check(self, record: Mapping[str, Any], out: Path) -> None:
-        """See that what is in a folder comes of the very same; records of older versions tell less of what differs."""
-        if record.get("identity") == self.identity:
-            return
-        told = {"settings": self._settings(record.get("settings")), "data": self._data(record.get("data"))}
-        raise ConfigurationChanged(
-            f"the settings and data of the training in {out}",
-            " and ".join(f"other {name}: {what}" for name, what in told.items() if what) or "others",
-            "use another folder or remove that one",
-        )
-
-    def _settings(self, old: object) -> str:
-        if not isinstance(old, Mapping):
-            return ""
-        asked = differences(_asked(old), _asked(self.settings), _ASKED)
-        before, after = ({k: v for k, v in of.items() if k not in _ONLY_HOW} for of in (old, self.settings))
-        return asked or differences(before, after, {})
-
-    def _data(self, old: object) -> str:
-        kind = {"kind": self.data["kind"]}
-        if isinstance(old, Mapping) and old.get("kind") != kind["kind"]:
-            return differences({"kind": old.get("kind")}, kind, _DATA)
-        return differences(old, self.data, _DATA)
-
-
 def train(
     data: Examples | Stream,
     config: TrainConfig,
@@ -196,7 +129,7 @@ def train(
     if isinstance(data, Examples):
         data, kept = split_off(data, config.validation_share, config.seed)
     lessons = lessons_of(data, config)
-    origin = _Origin.of(config, lessons, start)
+    origin = Origin.of(config, lessons, start)
     if start is not None:
         check_start(start, config, lessons.subject)
     elif config.frozen:
@@ -263,7 +196,7 @@ class _Loop:
     lessons: Lessons
     journal: _Journal
     out: Path
-    origin: _Origin
+    origin: Origin
     advance: Advance
 
     @property
@@ -331,7 +264,7 @@ def _check_free(out: Path) -> None:
 
 
 def _begin(
-    lessons: Lessons, config: TrainConfig, out: Path, origin: _Origin, start: Checkpoint | None
+    lessons: Lessons, config: TrainConfig, out: Path, origin: Origin, start: Checkpoint | None
 ) -> tuple[Learner, _Journal]:
     """A learner at its first step, or where the state in the folder says."""
     path = out / STATE
@@ -377,7 +310,7 @@ def _interrupts() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, before)
 
 
-def _write_run(run: TrainingRun, origin: _Origin) -> None:
+def _write_run(run: TrainingRun, origin: Origin) -> None:
     content = {
         "schema": _RUN_SCHEMA,
         **origin.record(),
@@ -402,22 +335,3 @@ def _record(folder: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or content.get("schema") != _RUN_SCHEMA:
         raise CheckpointError(f"a training's record of schema {_RUN_SCHEMA} in {folder}", "another", "check the path")
     return content
-
-
-def _asked(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Of recorded settings, those that somebody asked for: the name of the network, how long and with which seed."""
-    kind = "compact" if "hypotheses" in (settings.get("network") or {}) else "two-layer"
-    return {"kind": kind, **{name: settings.get(name) for name in _ASKED if name != "kind"}}
-
-
-def _parts(lessons: Lessons) -> dict[str, Any]:
-    """What makes up the data, each in a word, a number or a digest, so that other data can be told by name."""
-    subject = lessons.subject
-    regions, camera = subject.regions.digest, subject.intrinsics
-    if not isinstance(lessons, StreamLessons):
-        fixed = {"region_set": regions, "camera": digest(camera), "pictures": lessons.identity}
-        return {"kind": "data set", "anatomy": subject.anatomy_digest, **fixed}
-    views = stream_description(lessons.stream)
-    parts = {name: getattr(value, "name", None) or digest(value) for name, value in views.items() if name in _DATA}
-    angle = {"fov_deg": round(camera.vertical_fov_deg, 6)}
-    return {**parts, "kind": "views at will", "anatomy": subject.anatomy_digest, "regions": regions, **angle}
