@@ -313,6 +313,9 @@ def test_frozen_layers_stay_as_they_began(tmp_path: Path) -> None:
     assert not {name for name in still - first if name.startswith("stages.1.")}
     with pytest.raises(InputError, match="weights to start from"):
         train(_examples(), config, tmp_path / "c")
+    for layers, of in ((-1, QUICK), (4, QUICK), (1, TWO_LAYER)):
+        with pytest.raises(InputError, match="frozen layers"):
+            of.with_(frozen=layers)
 
 
 @pytest.mark.parametrize(

@@ -230,3 +230,17 @@ def test_the_same_anatomy_is_not_computed_twice_and_another_spacing_is():
 def test_a_spacing_that_cannot_be_is_refused(spacing):
     with pytest.raises(InputError, match=r"spacing|nodes"):
         signed_distance(box(), spacing)
+
+
+def test_faces_without_area_change_no_distance():
+    """A level set through nodes of its grid leaves some: two or three of their corners are one point."""
+    whole = box()
+    first = whole.faces[0]
+    flat = np.array([[first[0], first[0], first[1]], [first[1], first[2], first[2]], [first[0]] * 3], dtype=np.int32)
+    with_flat = Anatomy(whole.vertices_mm, np.concatenate([flat, whole.faces]), "LPS", "a box", "made up")
+    points = np.random.default_rng(0).uniform(-15, 15, (200, 3))
+    points = np.concatenate([points, whole.vertices_mm, whole.vertices_mm[whole.faces].mean(axis=1)])
+    found, expected = (
+        index_triangles(one.vertices_mm, one.faces).closest(points).distance_mm for one in (with_flat, whole)
+    )
+    np.testing.assert_allclose(found, expected, atol=1e-9)

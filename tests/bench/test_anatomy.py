@@ -12,6 +12,7 @@ from naris.bench import BenchRequest
 from naris.bench.anatomy import (
     HEAD,
     LABELLED,
+    Trip,
     _of_labelled,
     _of_times,
     _of_trips,
@@ -22,6 +23,7 @@ from naris.bench.anatomy import (
 )
 from naris.core.anatomy import Anatomy
 from naris.core.volume import Volume
+from naris.errors import ScanError
 
 
 def ball(radius_mm: float) -> Anatomy:
@@ -58,7 +60,8 @@ def test_the_surface_of_a_mask_lies_where_the_mask_does() -> None:
 
 
 def test_without_scans_their_figures_have_no_value(tmp_path: Path) -> None:
-    for figures in (_of_labelled(None), _of_labelled(tmp_path), _of_times(tmp_path, quick=True)):
+    nothing = BenchRequest(quick=True, scans=tmp_path)
+    for figures in (_of_labelled(None), _of_labelled(tmp_path), _of_times(nothing)):
         assert {(figure.value, figure.n) for figure in figures} == {(None, 0)}
 
 
@@ -66,6 +69,25 @@ def test_refused_noses_are_counted_not_passed_over() -> None:
     figures = {figure.name: figure for figure in _of_trips([], refused=2)}
     assert (figures["anatomy.roundtrip.refused"].value, figures["anatomy.roundtrip.refused"].n) == (2.0, 2)
     assert figures["anatomy.roundtrip.surface_mm"].value is None
+
+
+def test_a_trip_that_finds_no_nose_stops_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Everything but the trips themselves, which take most of a minute."""
+
+    def trip(seed: int, number: int) -> Trip:
+        if number == 0:
+            raise ScanError("two open nostrils", "one", "give another")
+        return Trip(np.full(4, 0.1 * number), {"left.nostril": 1.0 * number}, 0)
+
+    monkeypatch.setattr("naris.bench.anatomy.round_trip", trip)
+    monkeypatch.setattr("naris.bench.anatomy.QUICK_TRIPS", 3)
+    monkeypatch.setattr("naris.bench.anatomy._POINTS", ("left.nostril",))
+    figures = {one.name: one for one in measure(BenchRequest(quick=True)).figures}
+    assert (figures["anatomy.roundtrip.refused"].value, figures["anatomy.roundtrip.refused"].n) == (1.0, 3)
+    surface_mm = figures["anatomy.roundtrip.surface_mm"]
+    assert surface_mm.value == pytest.approx(0.15)
+    assert surface_mm.interval == pytest.approx((0.1, 0.2))
+    assert figures["anatomy.roundtrip.left.nostril_mm"].value == pytest.approx(1.5)
 
 
 @pytest.mark.slow

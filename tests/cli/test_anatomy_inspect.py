@@ -32,7 +32,7 @@ def test_a_scan_that_will_not(tmp_path: Path, capfd: pytest.CaptureFixture[str])
     write_nrrd(head_without_nostrils(), scan)
     assert main(["anatomy", "inspect", str(scan), "--quiet"]) == 1
     said = capfd.readouterr().out
-    assert said.startswith("this scan will not do: expected ")
+    assert said.startswith("no usable airway: expected ")
     assert "beyond the tip of the nose" in said
     assert list(tmp_path.iterdir()) == [scan]
 

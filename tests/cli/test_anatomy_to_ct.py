@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from naris.anatomy.folder import save_anatomy
 from naris.cli import main
@@ -53,7 +54,7 @@ def test_the_seed_decides_the_noise(tube: Path, tmp_path: Path) -> None:
         (["--tilt-deg", "40"], "at most 30°"),
         (["--spacing-mm", "0", "1", "1"], "above 0"),
         (["--metal", "-1"], "0 or more"),
-        (["--noise-hu", "nan"], "finite"),
+        (["--noise-hu", "nan"], "0 or more"),
     ],
 )
 def test_impossible_scanners_are_refused_and_write_nothing(
@@ -72,3 +73,27 @@ def test_a_folder_with_slices_of_another_series_is_refused_first(
     (tmp_path / "0000.dcm").write_bytes(b"")
     assert main(["anatomy", "to-ct", "absent.ply", "-o", str(tmp_path)]) == 2
     assert "new or empty folder" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("scan.nrrd", "a new file"), ("scan.nii.gz", "ends in .nrrd"), ("scan.mha", "ends in .nrrd")],
+)
+def test_nothing_is_written_over_and_no_other_kind_of_file_promised(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str, says: str
+) -> None:
+    (tmp_path / "scan.nrrd").write_bytes(b"a patient's")
+    assert main(["anatomy", "to-ct", "absent.ply", "-o", str(tmp_path / name)]) == 2
+    assert says in capfd.readouterr().err
+    assert (tmp_path / "scan.nrrd").read_bytes() == b"a patient's"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_no_name_of_a_file_gets_into_a_series(tmp_path: Path) -> None:
+    named, series = tmp_path / "JOHN_DOE.ply", tmp_path / "series"
+    mesh = winding_tube()
+    trimesh.Trimesh(mesh.vertices_mm, mesh.faces, process=False).export(named)
+    asked = ["--spacing-mm", "4", "4", "20", "--quiet"]
+    assert main(["anatomy", "to-ct", str(named), "-o", str(series), *asked]) == 0
+    for path in series.iterdir():
+        assert b"JOHN" not in path.read_bytes()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
 
@@ -130,3 +130,13 @@ def test_the_demo_benchmark_measures_its_figures(
     assert told == json.loads((tmp_path / "demo.json").read_text())
     assert {figure["name"] for figure in told["figures"]} >= {"demo.region_accuracy", "demo.seconds"}
     assert [path.name for path in tmp_path.iterdir()] == ["demo.json"]
+
+
+def test_the_command_line_asks_for_what_the_experiment_is() -> None:
+    """`naris bench reproduce` runs the one, `naris reproduce` the other, and they share a folder."""
+    from naris.cli.reproduce import Options
+
+    asked = {field.name: field.default for field in fields(Options)}
+    for name, value in asdict(naris.reproduce.ReproduceConfig()).items():
+        if name in asked:
+            assert asked[name] == value, name

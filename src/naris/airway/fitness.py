@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from naris.airway.face import nose_tip_mm
 from naris.airway.segment import ATTACHED, SEGMENTS, Airway, segment_airway
+from naris.airway.segment import STEP_MM as FINE_MM
 from naris.core.volume import Volume
 from naris.ct.scan import Finding, Scan
 from naris.errors import ScanError
@@ -23,7 +24,7 @@ _COARSE_MM = 1.6
 _NEEDED_MM = {"behind": 85.0, "above": 40.0, "below": 12.0, "left": 20.0, "right": 20.0}
 """How far beyond the tip of the nose a whole nasal cavity reaches, to its choanae, roof, nostrils and either side."""
 _PALATE_MM = 5.0
-_MOUTH_BEHIND_MM, _MOUTH_BESIDE_MM, _MOUTH_ML = 10.0, 30.0, 1.0
+_MOUTH_BEHIND_MM, _MOUTH_BESIDE_MM, _MOUTH_ML = 10.0, 12.0, 1.0  # further to the side lie the sinuses of the cheeks
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +74,10 @@ def inspect_scan(scan: Scan, step_mm: float = STEP_MM) -> Fitness:
         return Fitness(str(error), {}, {}, metal_ml, 0.0, (*findings, *_metal_told(metal_ml, highest_mm, None)))
     reach_mm = _reach_mm(scan.volume, tip_mm)
     findings += _cut_off(reach_mm)
-    try:
-        airway = segment_airway(scan.volume, step_mm)
-    except ScanError as error:
+    airway = _found(scan.volume, step_mm)
+    if isinstance(airway, str):
         findings += _metal_told(metal_ml, highest_mm, None)
-        return Fitness(str(error), reach_mm, {}, metal_ml, 0.0, tuple(findings))
+        return Fitness(airway, reach_mm, {}, metal_ml, 0.0, tuple(findings))
     floor_mm = min(float(airway.landmarks_mm[f"{side}.nasal floor"][2]) for side in ("left", "right"))
     findings += _metal_told(metal_ml, highest_mm, floor_mm)
     mouth_ml = _mouth_ml(airway, floor_mm, tip_mm)
@@ -88,6 +88,17 @@ def inspect_scan(scan: Scan, step_mm: float = STEP_MM) -> Fitness:
     known = {one.code for one in findings}
     findings += [one for one in airway.findings if one.code not in known]
     return Fitness(None, reach_mm, volumes, metal_ml, mouth_ml, tuple(findings))
+
+
+def _found(volume: Volume, step_mm: float) -> Airway | str:
+    """The airway, on a finer lattice where a coarse one does not do; or why there is none."""
+    try:
+        return segment_airway(volume, step_mm)
+    except ScanError:
+        try:
+            return segment_airway(volume, min(step_mm, FINE_MM))
+        except ScanError as error:
+            return str(error)
 
 
 def _coarse(scan: Scan) -> list[Finding]:

@@ -84,7 +84,7 @@ def _first_shared(
         ours, theirs = (_parts_of(parts, way[way[:, 1] == candidate]) for way in (right, left))
         if not ours.isdisjoint(theirs):
             row = candidate
-        elif row is not None:
+        elif row is not None and ours and theirs:  # a way that is narrower than asked here tells nothing
             break
     return row
 

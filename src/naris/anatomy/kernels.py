@@ -42,16 +42,18 @@ def _nearest_in_triangle(t, f, x, y, z):
         v, w = 1.0, 0.0
     elif d6 >= 0.0 and d5 <= d6:
         v, w = 0.0, 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and d1 > d3:
         v, w = d1 / (d1 - d3), 0.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0 and d2 > d6:
         v, w = 0.0, d2 / (d2 - d6)
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0 and (d4 - d3) + (d5 - d6) > 0.0:
         w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
         v = 1.0 - w
-    else:
+    elif va + vb + vc > 0.0:
         scale = 1.0 / (va + vb + vc)
         v, w = vb * scale, vc * scale
+    else:  # a triangle without area, as a level set through a node of its grid has them
+        v, w = 0.0, 0.0
     return v, w
 
 

@@ -23,7 +23,7 @@ _RAMP_MM = 0.5  # across which a wall goes from air to tissue before any blur
 _BONE_MM = (1.5, 2.6)  # from the wall of the lumen to either face of the plate of bone
 _SKIN_MM = 4.0  # of tissue between the vestibule and the face
 _FACE_MM = 16.0  # the cheeks lie so far behind the tip of the lumen
-_NOSTRIL_MM = 1.0  # the nostrils end so far below their landmark
+_NOSTRIL_MM, _NOSTRIL_WIDE_MM = 1.0, 4.0  # the nostrils end so far below their landmark
 _HEAD_MM = (72.0, 90.0, 110.0)
 _METAL_MM = 3.0
 _SPOKES = 11
@@ -55,7 +55,7 @@ class Scanner:
     metal: int = 0
 
     def __post_init__(self) -> None:
-        lengths = (*self.spacing_mm, self.thickness_mm or 1.0, self.margin_mm)
+        lengths = (*self.spacing_mm, 1.0 if self.thickness_mm is None else self.thickness_mm, self.margin_mm)
         rest = (self.blur_mm, self.noise_hu, float(self.metal))
         if not (min(lengths) > 0 and min(rest) >= 0 and np.isfinite([*lengths, *rest]).all()):
             raise InputError("spacings, thickness and margin above 0, the rest from 0", f"{self}", "correct them")
@@ -141,9 +141,19 @@ def _outside_mm(
     cheeks_mm = (radius - 1) * min(_HEAD_MM)
     nose_mm = -lumen_mm - _SKIN_MM
     nose_mm = np.where(y < front + _FACE_MM + 12, nose_mm, 1e3)
-    below_mm = (min(float(point[2]) for point in known) - _NOSTRIL_MM) - z  # positive below the nostrils
+    below_mm = _nostrils_end_mm(anatomy, known) - z  # positive below the nostrils
     skin_mm = np.minimum(cheeks_mm, np.maximum(nose_mm, below_mm))
     return np.asarray(skin_mm, dtype=np.float32)
+
+
+def _nostrils_end_mm(anatomy: Anatomy, nostrils_mm: list[Float[np.ndarray, "3"]]) -> float:
+    """The height at which the nose is cut: below the landmarks, but within the lumen, or no nostril would be open."""
+    lowest = []
+    for point in nostrils_mm:
+        near = np.linalg.norm(anatomy.vertices_mm[:, :2] - point[:2], axis=1) < _NOSTRIL_WIDE_MM
+        lowest.append(float(anatomy.vertices_mm[near, 2].min()) if near.any() else float(point[2]))
+    landmark = min(float(point[2]) for point in nostrils_mm)
+    return max(landmark - _NOSTRIL_MM, max(lowest) + _NOSTRIL_MM)
 
 
 def _tissue(
@@ -185,7 +195,7 @@ def _scanned(
     tilt = np.deg2rad(scanner.tilt_deg)
     matrix[:3, 1] = spacing[1] * np.array([0.0, np.cos(tilt), np.sin(tilt)])
     matrix[:3, 3] = low - matrix[:3, 1] * (shape[1] - 1) / 2 + np.array([0, spacing[1] * (shape[1] - 1) / 2, 0])
-    thickness = scanner.thickness_mm or float(spacing[2])
+    thickness = float(spacing[2]) if scanner.thickness_mm is None else scanner.thickness_mm
     count = max(round(thickness / _FINE_MM), 1)
     normal = np.array([0.0, -np.sin(tilt), np.cos(tilt)])
     across = (np.arange(count) + 0.5) / count * thickness - thickness / 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from naris.bench import BenchRequest, Measurement
@@ -17,7 +18,7 @@ QUICK = DemoConfig(train_positions=24, test_positions=8, epochs=1, budget_s=10.0
 
 def measure(request: BenchRequest) -> Measurement:
     """Runs the demo from nothing, always in a folder of its own, and writes its report."""
-    config = QUICK if request.quick else DemoConfig(seed=request.seed)
+    config = replace(QUICK if request.quick else DemoConfig(), seed=request.seed)
     with (
         tempfile.TemporaryDirectory(prefix="naris-bench-demo-", dir=request.work) as folder,
         Stopwatch() as watch,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from naris.bench import BenchRequest, Measurement
@@ -32,7 +33,7 @@ def measure(request: BenchRequest) -> Measurement:
     what = subject(request)
     if what.texture is None:
         raise InputError("the texture of the published experiment", "none", "naris fetch mean-nose, or give --texture")
-    config = ReproduceConfig(seed=request.seed) if not request.quick else QUICK
+    config = replace(QUICK if request.quick else ReproduceConfig(), seed=request.seed)
     with tempfile.TemporaryDirectory(prefix="naris-bench-reproduce-") as spare:
         out = request.work or Path(spare)
         data = reproduce(what.anatomy, what.texture, out, config, command="naris reproduce", progress=request.progress)

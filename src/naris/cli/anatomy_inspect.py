@@ -1,4 +1,4 @@
-"""Say what a scan is and whether it will do: extent of the nose, slices, metal, an open mouth. Nothing is kept."""
+"""Say what a scan is and whether it will do: is an airway found, all of it, how coarsely; metal; an open mouth."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from naris.cli.options import IfGiven
 if TYPE_CHECKING:
     from naris.ct.scan import Scan
 
-WILL_NOT_DO = 1
+NO_AIRWAY = 1
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def run(options: Options, console: Console) -> int:
         advance(1)
     data = _scan(scan) | found.to_json()
     console.answer(data, _text(data))
-    return 0 if found.usable else WILL_NOT_DO
+    return 0 if found.usable else NO_AIRWAY
 
 
 def interrupted(options: Options) -> str:
@@ -62,7 +62,7 @@ def _scan(scan: Scan) -> dict[str, Any]:
 def _text(data: dict[str, Any]) -> str:
     shape, spacing = ("×".join(f"{number:g}" for number in data[key]) for key in ("shape", "spacing_mm"))
     lines = [
-        "this scan will do" if data["usable"] else f"this scan will not do: {data['reason']}",
+        "an airway was found" if data["usable"] else f"no usable airway: {data['reason']}",
         f"  {data['format']}, {shape} voxels of {spacing} mm, {data['hu'][0]} to {data['hu'][1]} HU",
     ]
     if data["reach_mm"]:

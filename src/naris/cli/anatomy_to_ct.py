@@ -10,11 +10,13 @@ import tyro
 
 from naris.cli.console import Console
 from naris.cli.options import IfGiven
+from naris.errors import InputError
 
 if TYPE_CHECKING:
     from naris.core.volume import Volume
 
 NRRD = ".nrrd"
+_OTHER_FILES = (".nii", ".gz", ".mha", ".mhd", ".dcm", ".nhdr", ".ply", ".stl")
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class Options:
     """`builtin`, a surface file in mm (PLY, STL, OBJ, VTP), or a folder made by naris anatomy; in LPS, around its
     air."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE.nrrd|DIR")]
-    """A file whose name ends in .nrrd, or a new or empty folder for a DICOM series."""
+    """A new file whose name ends in .nrrd, or a new or empty folder for a DICOM series."""
     spacing_mm: tuple[float, float, float] = (0.5, 0.5, 1.0)
     """Of the voxels: to the left, backwards and from slice to slice."""
     thickness_mm: Annotated[IfGiven[float], tyro.conf.arg(metavar="MM")] = None
@@ -44,8 +46,8 @@ class Options:
 
 def run(options: Options, console: Console) -> int:
     """Scans the anatomy and writes the scan."""
+    from naris.anatomy.folder import load_anatomy
     from naris.anatomy.virtual_ct import Scanner, virtual_ct
-    from naris.cli.anatomies import open_anatomy
     from naris.ct.write import check_series_folder, write_dicom, write_nrrd
 
     scanner = Scanner(
@@ -56,17 +58,17 @@ def run(options: Options, console: Console) -> int:
         tilt_deg=options.tilt_deg,
         metal=options.metal,
     )
-    is_file = options.out.suffix == NRRD
+    is_file = _is_file(options.out)
     if not is_file:
         check_series_folder(options.out)
-    anatomy, _ = open_anatomy(options.anatomy)
+    anatomy = load_anatomy(options.anatomy, passages=False)
     with console.progress.task("scan", 1) as advance:
         volume = virtual_ct(anatomy, scanner, options.seed)
         advance(1)
     if is_file:
         write_nrrd(volume, options.out)
     else:
-        write_dicom(volume, options.out, anatomy.name, console.progress)
+        write_dicom(volume, options.out, f"naris {anatomy.digest[:12]}", console.progress)  # a name may be a person's
     data = _describe(volume, options.out, "NRRD" if is_file else "DICOM", anatomy.digest)
     shape, spacing = ("×".join(f"{number:g}" for number in data[key]) for key in ("shape", "spacing_mm"))
     console.answer(data, f"{data['format']} CT of {anatomy.name}: {shape} voxels of {spacing} mm in {options.out}")
@@ -76,6 +78,20 @@ def run(options: Options, console: Console) -> int:
 def interrupted(options: Options) -> str:
     """What a user who stopped it should know."""
     return f"{options.out} is whole, missing or, if it is a folder, to be removed; run the same command again"
+
+
+def _is_file(out: Path) -> bool:
+    """Whether a new NRRD file is asked for, and not a folder.
+
+    Raises:
+        InputError: if it is there already, or its name ends as that of another kind of file.
+    """
+    suffix = out.suffix.lower()
+    if suffix in _OTHER_FILES:
+        raise InputError(f"a file whose name ends in {NRRD}, or a folder", out.name, f"name it {out.stem}{NRRD}")
+    if suffix == NRRD and out.exists():
+        raise InputError(f"a new file at {out}", "one that is there", "name another")
+    return suffix == NRRD
 
 
 def _describe(volume: Volume, out: Path, kind: str, digest: str) -> dict[str, Any]:

@@ -39,8 +39,8 @@ class Options:
     """A picture that colours the walls; by default that of the mean nose. Not for anatomy and demo."""
     scans: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
     """Real scans for the benchmark anatomy: a folder with nasalseg-p001/P001_img.nrrd and P001_seg.nrrd (case P001 of
-    NasalSeg) and ct-head/ct_head.nii.gz (of the Python package dicom2stl); figures of those that are missing are left
-    out."""
+    NasalSeg) and ct-head/ct_head.nii.gz (of the Python package dicom2stl); figures of those that are missing have
+    no value."""
     seed: int = 0
     """Of everything random."""
     work: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
@@ -56,6 +56,8 @@ def run(options: Options, console: Console) -> int:
 
     if options.name in ("anatomy", "demo"):
         refuse(options, ("anatomy", "texture"), "only with another benchmark", options.name)
+    if options.name == "render":
+        refuse(options, ("work",), "only with a benchmark that writes", options.name)
     if options.name != "anatomy":
         refuse(options, ("scans",), "only with the benchmark anatomy", options.name)
     elif options.scans is not None and not options.scans.is_dir():

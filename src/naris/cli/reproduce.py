@@ -35,7 +35,7 @@ class Options:
     """Of the two-layer network, and of the compact one on the same pictures."""
     compact_epochs: int = 40
     """Of the compact network on the same pictures."""
-    at_will_steps: int = 5000
+    at_will_steps: int = 6000
     """Batches of 64 views at will for the compact network."""
     workers: int = 2
     """Runs at a time, each on one thread."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from naris.cli.anatomies import open_anatomy
 from naris.cli.looks import look
 from naris.cli.options import refuse
 from naris.cli.simulate import Options
-from naris.core.anatomy import NOWHERE, Anatomy, RegionSet
+from naris.core.anatomy import NOWHERE, Anatomy, Passage, RegionSet
 from naris.core.camera import Intrinsics
 from naris.dataset.generate import Simulation
 from naris.errors import KeyframeError, RegionError
@@ -32,6 +33,7 @@ from naris.render.viewpoints import (
 )
 
 _COUNT, _STEP_MM = 1000, 1.0
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,7 @@ def _along_passages(
     """
     clearance_mm = Steering().clearance_mm
     passages = [p for p in passages_of(anatomy, distance) if roomy_parts(p, clearance_mm)]
+    passages = [p for p in passages if _can_be_steered(p, distance)]
     if not passages:
         raise RegionError(f"a passage with {clearance_mm} mm of room", "none", "use --views anywhere")
     parts: list[Viewpoints] = []
@@ -140,6 +143,16 @@ def _along_passages(
         positions += len(track)
     walked = joined(parts)
     return (spread(walked, wanted) if len(parts) == len(passages) else walked)[: choice.count]
+
+
+def _can_be_steered(passage: Passage, distance: SignedDistance) -> bool:
+    """Whether some way along it is free; one that is not is left out, with a notice."""
+    try:
+        trajectory_along(passage, distance, np.random.default_rng(0))
+    except RegionError as error:
+        _log.info("%s is left out: %s", passage.name, error)
+        return False
+    return True
 
 
 def spread(views: Viewpoints, wanted: int) -> Viewpoints:

@@ -118,6 +118,9 @@ class TrainConfig:
                 f"epochs {self.epochs}, steps {self.steps}, budget_s {self.budget_s}, batch {self.batch}",
                 "correct the training settings",
             )
+        layers = 1 + sum(self.network.blocks) if isinstance(self.network, CompactConfig) else 0
+        if not 0 <= self.frozen <= layers:
+            raise InputError(f"0 to {layers} frozen layers", f"{self.frozen}", "correct the training settings")
 
     def with_(self, **changes: Any) -> TrainConfig:
         """A copy with some settings replaced."""

@@ -20,7 +20,7 @@ _ONLY_HOW = ("threads", "state_every_s")
 _DATA = {
     "kind": "what is learned from", "anatomy": "the anatomy", "passages": "the anatomy", "parts": "the anatomies",
     "regions": "--regions", "views": "--views", "appearance": "--appearance", "scopes": "--scopes",
-    "fov_deg": "--fov-deg", "seed": "--seeds", "avoid": "the views to keep away from",
+    "fov_deg": "--fov-deg", "avoid": "the views to keep away from",
     "region_set": "the region set", "camera": "the camera", "pictures": "the pictures",
     "start": "the weights to start from",
 }  # fmt: skip
