@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from naris.anatomy.builtin import built_in_nose
+from naris.anatomy.scanned import anatomy_of_airway
 from naris.anatomy.virtual_ct import Scanner, virtual_ct
 from naris.core.anatomy import Anatomy
 from naris.core.volume import Volume
@@ -16,6 +17,7 @@ from naris.ct.read import read_scan
 from naris.ct.resample import sampled, upright
 from naris.ct.write import write_dicom
 from naris.errors import InputError
+from tests import simulated_head
 from tests.anatomy.shapes import sphere, torus
 from tests.winding_tube import winding_tube
 
@@ -125,3 +127,15 @@ def test_what_cannot_be_scanned_is_refused() -> None:
         Scanner(noise_hu=float("nan"))
     with pytest.raises(InputError, match="30°"):
         Scanner(tilt_deg=45.0)
+
+
+@pytest.mark.slow
+def test_the_nostrils_of_a_nose_that_was_found_in_a_scan_are_open_too() -> None:
+    """Its landmarks lie outside of its lumen, which ends where the room began: no plug may be between the two."""
+    found = anatomy_of_airway(simulated_head.airway(), "found", "a test").anatomy
+    again = virtual_ct(found, Scanner(spacing_mm=(0.6, 0.6, 1.0), noise_hu=0.0))
+    for side in ("left", "right"):
+        x, y, z = found.landmarks_mm[f"{side}.nostril"].tolist()
+        straight_down = np.array([[x, y, z + height] for height in np.arange(4.0, -6.0, -0.5)])
+        hu = again.hu[tuple(np.rint(again.index(straight_down)).astype(int).T)]
+        assert (hu < -500).all(), side
