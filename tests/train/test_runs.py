@@ -65,6 +65,38 @@ class Told:
         yield advance
 
 
+@contextmanager
+def two_runs(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """A process that trains endlessly in `folder`, two runs at a time, once both have begun; nothing of it is left."""
+    child = subprocess.Popen(
+        [sys.executable, "-c", CHILD, str(folder)],
+        cwd=REPOSITORY,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    with child:
+        try:
+            assert child.stdout is not None
+            assert {child.stdout.readline().strip() for _ in range(2)} == {"seed 0", "seed 1"}
+            yield child
+        finally:
+            for left in in_session(child.pid):
+                os.kill(left, signal.SIGKILL)
+
+
+def in_session(leader: int) -> list[int]:
+    """The processes of a session that still run."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
+            if int(session) == leader and state != "Z":
+                found.append(int(stat.parent.name))
+    return found
+
+
 @pytest.fixture
 def threads_of(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The torch threads that each training in this process asks for."""
@@ -96,24 +128,11 @@ def test_a_single_run_has_the_threads_of_its_configuration(tmp_path: Path, threa
 @pytest.mark.parametrize("to", ["one process", "all processes"])
 def test_ctrl_c_stops_every_run_with_its_state_written(tmp_path: Path, to: str) -> None:
     """A program sends the signal to the process that it knows, a terminal to all that it started."""
-    child = subprocess.Popen(
-        [sys.executable, "-c", CHILD, str(tmp_path)],
-        cwd=REPOSITORY,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        assert child.stdout is not None
-        assert {child.stdout.readline().strip() for _ in range(2)} == {"seed 0", "seed 1"}
+    with two_runs(tmp_path) as child:
         begun = time.monotonic()
         (os.kill if to == "one process" else os.killpg)(child.pid, signal.SIGINT)
         _, errors = child.communicate(timeout=LONG_S)
         assert time.monotonic() - begun < LONG_S
-    finally:
-        if child.poll() is None:
-            os.killpg(child.pid, signal.SIGKILL)
     assert child.returncode != 0
     assert errors.count("Traceback") == 1, errors  # that of the child itself, which does not catch it
     assert errors.strip().endswith("KeyboardInterrupt")
@@ -125,38 +144,14 @@ def test_ctrl_c_stops_every_run_with_its_state_written(tmp_path: Path, to: str) 
 
 @pytest.mark.slow
 def test_runs_end_with_a_parent_that_is_killed_and_leave_their_state(tmp_path: Path) -> None:
-    child = subprocess.Popen(
-        [sys.executable, "-c", CHILD, str(tmp_path)],
-        cwd=REPOSITORY,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        assert child.stdout is not None
-        assert {child.stdout.readline().strip() for _ in range(2)} == {"seed 0", "seed 1"}
+    with two_runs(tmp_path) as child:
         child.kill()
         child.wait()
         until = time.monotonic() + LONG_S
-        while _in_session(child.pid) and time.monotonic() < until:
+        while in_session(child.pid) and time.monotonic() < until:
             time.sleep(0.2)
-        assert _in_session(child.pid) == []
-    finally:
-        for left in _in_session(child.pid):
-            os.kill(left, signal.SIGKILL)
+        assert in_session(child.pid) == []
     assert sorted(path.parent.name for path in tmp_path.rglob(STATE)) == ["seed-0", "seed-1"]
-
-
-def _in_session(leader: int) -> list[int]:
-    """The processes of a session that still run."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):
-            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
-            if int(session) == leader and state != "Z":
-                found.append(int(stat.parent.name))
-    return found
 
 
 @pytest.mark.slow
