@@ -71,9 +71,7 @@ def _describe(key: str, train: Dataset, test: Dataset) -> Split:
 def example_views(sets: Sets, per_region: int = 6) -> tuple[ViewSet, ...]:
     """Pictures of each region, evenly spread over its views: from the training, and under the unseen looks."""
     return (
-        _views(
-            "Training pictures", "What the networks that learn from a fixed set learn from.", sets.train, per_region
-        ),
+        _views("Training pictures", "The fixed set that some of the networks learn from.", sets.train, per_region),
         _views(
             "Test pictures under unseen texture and light",
             "The same nose along other trajectories, with mucosa, light and sensor drawn anew for every picture.",

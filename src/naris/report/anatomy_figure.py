@@ -169,7 +169,7 @@ def _borders(
         y = float(corner[1])
         parts.append(element("line", x1=x, x2=x, y1=y - 4, y2=y + float(height), class_="border"))
         if aspect is not FROM_ABOVE:  # there they are those of the view from the left, right above it
-            parts.append(label(x, y - 10, f"{'xyz'[regions.axis]} = {border_mm:g}".replace("-", "−")))
+            parts.append(label(x, y - 10, f"{'xyz'[regions.axis]} = {round(border_mm, 1):g}".replace("-", "−")))
     return parts
 
 
