@@ -53,6 +53,13 @@ def shared_file(relative: str) -> Path:
     return path
 
 
+@pytest.fixture(scope="session", autouse=True)
+def shared_by_processes(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Where the processes of a run keep what only one of them shall make (`tests.simulated_head`)."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        os.environ["NARIS_TESTS_SHARED"] = str(tmp_path_factory.getbasetemp().parent)
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder of the development data."""

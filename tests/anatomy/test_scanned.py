@@ -25,7 +25,7 @@ def nose() -> Anatomy:
 
 @pytest.fixture(scope="module")
 def made() -> ScannedAnatomy:
-    return anatomy_of_airway(simulated_head.airway(), "made again", "a test")
+    return simulated_head.found()
 
 
 def test_the_surface_lies_on_that_of_the_truth(nose: Anatomy, made: ScannedAnatomy) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from naris.anatomy.builtin import built_in_nose
-from naris.anatomy.scanned import anatomy_of_airway
 from naris.anatomy.virtual_ct import Scanner, virtual_ct
 from naris.core.anatomy import Anatomy
 from naris.core.volume import Volume
@@ -132,7 +131,7 @@ def test_what_cannot_be_scanned_is_refused() -> None:
 @pytest.mark.slow
 def test_the_nostrils_of_a_nose_that_was_found_in_a_scan_are_open_too() -> None:
     """Its landmarks lie outside of its lumen, which ends where the room began: no plug may be between the two."""
-    found = anatomy_of_airway(simulated_head.airway(), "found", "a test").anatomy
+    found = simulated_head.found().anatomy
     again = virtual_ct(found, Scanner(spacing_mm=(0.6, 0.6, 1.0), noise_hu=0.0))
     for side in ("left", "right"):
         x, y, z = found.landmarks_mm[f"{side}.nostril"].tolist()

@@ -21,12 +21,12 @@ import nrrd
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from naris.airway.segment import LEFT, NASOPHARYNX, RIGHT, Airway, segment_airway
+from naris.airway.segment import ATTACHED, LEFT, NASOPHARYNX, RIGHT, Airway, segment_airway
 from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.builtin.variation import drawn_parameters
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.level_set import surface
-from naris.anatomy.scanned import anatomy_of_airway
+from naris.anatomy.scanned import ScannedAnatomy, anatomy_of_airway
 from naris.anatomy.virtual_ct import Scanner, virtual_ct
 from naris.bench import BenchRequest, Measurement
 from naris.bench.result import Figure
@@ -44,6 +44,7 @@ HEAD = Path("ct-head/ct_head.nii.gz")
 LARGE = (512, 512, 400)
 EXPERT = {"right": (RIGHT, 3), "left": (LEFT, 4)}
 """Our label and the expert's of either side; the expert's nasopharynx is 5."""
+_SINUSES = (1, 2)  # the expert's, maxillary, of either side
 
 _RESAMPLED = 2000
 _OPEN_MM = 8.0  # around a nostril the truth ends where a scan goes on
@@ -91,7 +92,11 @@ def round_trip(seed: int, number: int) -> Trip:
     """
     truth = built_in_nose(drawn_parameters(np.random.default_rng([seed, number])))
     airway = segment_airway(virtual_ct(truth, SCANNER, seed + number))
-    made = anatomy_of_airway(airway, "found", "a virtual CT")
+    return compared(truth, airway, anatomy_of_airway(airway, "found", "a virtual CT"))
+
+
+def compared(truth: Anatomy, airway: Airway, made: ScannedAnatomy) -> Trip:
+    """What was found in a scan of an anatomy beside that anatomy."""
     marks = {name: float(np.linalg.norm(airway.landmarks_mm[name] - truth.landmarks_mm[name])) for name in _POINTS}
     nostrils = np.stack([truth.landmarks_mm[f"{side}.nostril"] for side in EXPERT])
     return Trip(apart_mm(made.anatomy, truth, nostrils), marks, made.genus)
@@ -175,6 +180,7 @@ def _of_labelled(scans: Path | None) -> list[Figure]:
     base, n = "anatomy.p001", 1 if values else 0
     goals = {"dice": 0.86, "right_dice": 0.83, "left_dice": 0.83}
     figures = [Figure(f"{base}.{name}", values.get(name), "1", n, "higher", goal) for name, goal in goals.items()]
+    figures.append(Figure(f"{base}.sinuses_left_out", values.get("sinuses_left_out"), "1", n, "higher"))
     return [*figures, Figure(f"{base}.surface_mm", values.get("surface_mm"), "mm", n, "lower", 0.5)]
 
 
@@ -185,6 +191,7 @@ def _against_experts(scan: Path, labels: Path) -> dict[str, float]:
     found, cavities = on_voxels(airway, volume), expert >= min(label for _, label in EXPERT.values())
     made = anatomy_of_airway(airway, "found", "a real CT").anatomy
     values = {
+        "sinuses_left_out": float(np.isin(found[np.isin(expert, _SINUSES)], (0, ATTACHED)).mean()),
         "dice": dice(np.isin(found, (RIGHT, LEFT, NASOPHARYNX)), cavities),
         "surface_mm": float(apart_mm(made, _surface_of(cavities, volume)).mean()),
     }
