@@ -11,11 +11,11 @@ from naris.anatomy.distance import signed_distance
 from naris.core.anatomy import SlabRegions
 from naris.core.pose import Pose
 from naris.core.pose import distance as apart
-from naris.dataset.splits import SplitSizes, _run, check_no_neighbours, make_splits, neighbours
+from naris.dataset.splits import SplitSizes, check_no_neighbours, make_splits, neighbours
 from naris.errors import DatasetError, PoseError, RegionError
 from naris.render.scene import Scene
 from naris.render.trajectories import Steering
-from naris.render.viewpoints import Viewpoints, check_in_lumen, sees_ahead
+from naris.render.viewpoints import check_in_lumen, sees_ahead
 from tests.winding_tube import SLABS, winding_tube
 
 SIZES = SplitSizes(train_positions=60, test_positions=10, per_position=4)
@@ -109,18 +109,6 @@ def test_no_trajectory_test_pass_gives_two_positions_of_a_region(splits) -> None
         pairs_seen = list(zip(views.trajectory[first].tolist(), views.region[first].tolist(), strict=True))
         assert len(set(pairs_seen)) == len(pairs_seen)
     assert len(set(many.trajectory.trajectory.tolist())) >= 5
-
-
-def test_no_start_of_a_run_is_preferred() -> None:
-    """A long stretch and a single position: all six positions come up alike."""
-    position = np.array([0, 1, 2, 3, 4, 7])
-    pose = Pose(np.tile(np.eye(4), (6, 1, 1)), "LPS", "camera")
-    views = Viewpoints(pose, np.zeros(6, dtype=int), np.zeros(6, dtype=int), position)
-    rng, usable = np.random.default_rng(0), np.ones(6, dtype=bool)
-    drawn = np.concatenate([_run(views, usable, 1, 1, rng) for _ in range(3000)])
-    counts = np.bincount(drawn, minlength=8)[position]
-    assert counts.min() > 400
-    assert counts.max() < 600
 
 
 def test_trajectory_test_views_do_not_depend_on_how_much_is_trained(splits) -> None:
