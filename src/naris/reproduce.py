@@ -36,6 +36,7 @@ from naris.experiment.gather import Telling, locate_some, network_result, report
 from naris.experiment.score import score
 from naris.experiment.sets import TRAJECTORY, Sets, Setting, make_sets
 from naris.experiment.stages import EVALUATE, PICTURES, Journal
+from naris.experiment.start_weights import NOSES, knows, start_for
 from naris.fetch import MEAN_NOSE
 from naris.render.appearance import PAPER, TRAINING_APPEARANCE, UNSEEN_APPEARANCE
 from naris.render.material import TextureColours
@@ -43,7 +44,7 @@ from naris.render.scene import Scene
 from naris.render.viewpoints import TRAVEL
 from naris.report.data import SINHA_2018, NetworkResult, ReportData
 from naris.train import COMPACT_AT_WILL as AT_WILL_TRAINING
-from naris.train import COMPACT_FEW, PUBLISHED
+from naris.train import COMPACT_FEW, COMPACT_ON, PUBLISHED
 
 _TEXTURE = next(file for file in MEAN_NOSE.files if file.name == "sampled_texture.jpg")
 _PUBLISHED_EPOCHS, _PUBLISHED_RUNS = 30, 5
@@ -114,7 +115,8 @@ def reproduce(
         sets = make_sets(setting, out / PICTURES, progress)
     journal.note(PICTURES, f"{len(sets.train)} to train and {sum(map(len, sets.tests.values()))} to test")
     faithful = repeats_the_published(anatomy, texture, config)
-    contenders = _train(setting, sets, plans(config, len(sets.train), faithful), out, journal, progress)
+    planned = plans(config, len(sets.train), faithful, known=knows(setting.regions))
+    contenders = _train(setting, sets, planned, out, journal, progress)
     telling = _telling(anatomy, texture, command, faithful)
     with journal.stage(EVALUATE):
         networks = [_scored(contender, sets, progress) for contender in contenders]
@@ -163,6 +165,8 @@ def _train(
         setting.seed,
         ONE_SCOPE,
     ).away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
+    if at_will.config.name == COMPACT_ON.name:
+        at_will = replace(at_will, start=start_for(stream))
     return [
         from_pictures(two_layer, sets.train, out, journal, progress),
         from_pictures(compact, sets.train, out, journal, progress),
@@ -170,8 +174,11 @@ def _train(
     ]
 
 
-def plans(config: ReproduceConfig, pictures: int, faithful: bool) -> tuple[Plan, Plan, Plan]:
-    """The two-layer network, the compact one on the same pictures, and the compact one on views at will."""
+def plans(config: ReproduceConfig, pictures: int, faithful: bool, known: bool) -> tuple[Plan, Plan, Plan]:
+    """The two-layer network, the compact one on the same pictures, and the compact one on views at will.
+
+    The last one starts from weights that know other noses (`naris.experiment.start_weights`) if these know its regions.
+    """
     two_layer = Plan(
         TWO_LAYER,
         "two-layer, as published" if faithful else TWO_LAYER_LABEL,
@@ -194,8 +201,9 @@ def plans(config: ReproduceConfig, pictures: int, faithful: bool) -> tuple[Plan,
         COMPACT_AT_WILL,
         "compact, views at will",
         COMPACT_WORDS,
-        "Views rendered as it learns, anywhere along the passages, each with a mucosa, light and sensor of its own.",
-        AT_WILL_TRAINING.lasting(steps=config.at_will_steps),
+        "Views rendered as it learns, anywhere along the passages, each with a mucosa, light and sensor of its own"
+        + (f"; from weights that know {NOSES} other noses." if known else "."),
+        (COMPACT_ON if known else AT_WILL_TRAINING).lasting(steps=config.at_will_steps),
         tuple(range(config.at_will_runs)),
     )
     return two_layer, compact, at_will

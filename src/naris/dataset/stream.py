@@ -9,7 +9,7 @@ wrong name.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import cast
@@ -21,10 +21,14 @@ from naris.anatomy.distance import signed_distance
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
+from naris.dataset.pilot import Pilot, everything
 from naris.errors import InputError
 from naris.render.appearance import Appearance, AppearanceDistribution
+from naris.render.near import neighbours
 from naris.render.scene import Scene, render
-from naris.render.viewpoints import ViewBank, ViewDistribution, draw_views, passages_of, view_bank
+from naris.render.viewpoints import ViewBank, ViewDistribution, Viewpoints, draw_views, passages_of, view_bank
+
+_STEERED = 2**41  # a batch's number that no training comes to
 
 
 @dataclass(frozen=True)
@@ -137,7 +141,25 @@ class ViewStream:
             RegionError: if a region has no view that the distribution allows.
         """
         rng = np.random.default_rng([self.seed, index])
-        views = draw_views(self.scene, self.bank, size, rng, self.avoid)
+        return self._seen(draw_views(self.scene, self.bank, size, rng, self.avoid), rng)
+
+    def steered(self, positions: int, per_position: int) -> Batch:
+        """What a camera sees that is steered through the passages (`naris.dataset.pilot`), always the same views.
+
+        They are as a user's will be, where those of a batch are spread over all that could be seen. About equally many
+        are in each region; none is near one of `avoid`.
+
+        Raises:
+            RegionError: if nobody can steer into one of the regions.
+        """
+        rng = np.random.default_rng([self.seed, _STEERED])
+        views = Pilot.in_(self.scene, self.regions, per_position).collect(positions, everything, rng, longest=1)
+        if self.avoid is not None:
+            views = views[~neighbours(self.avoid, views.anatomy_T_camera)]
+        return self._seen(views, rng)
+
+    def _seen(self, views: Viewpoints, rng: np.random.Generator) -> Batch:
+        size = len(views)
         looks = [self._look(rng) for _ in range(size)]
         seeds = rng.integers(2**31, size=size)
         images = np.empty((size, self.intrinsics.height, self.intrinsics.width, 3), dtype=np.uint8)
@@ -213,6 +235,25 @@ class SeveralStreams:
             RegionError: if a region has no view that the distribution allows.
         """
         return self.parts[index % len(self.parts)].batch(index, size)
+
+    def steered(self, positions: int, per_position: int) -> Batch:
+        """As a stream's, in each anatomy its share of the positions.
+
+        Raises:
+            RegionError: if nobody can steer into one of the regions.
+        """
+        share = -(-positions // len(self.parts))
+        return _joined([part.steered(share, per_position) for part in self.parts])
+
+
+def _joined(batches: Sequence[Batch]) -> Batch:
+    first = batches[0].anatomy_T_camera
+    return Batch(
+        np.concatenate([batch.images for batch in batches]),
+        np.concatenate([batch.region for batch in batches]),
+        Pose(np.concatenate([batch.anatomy_T_camera.matrix for batch in batches]), first.target, first.source),
+        np.concatenate([batch.vertical_fov_deg for batch in batches]),
+    )
 
 
 def view_stream(

@@ -1,4 +1,4 @@
-"""The weights that the demo's network starts from: those of one that has learned its way in many other noses.
+"""The weights that a network on views at will starts from: those of one that has learned its way in many other noses.
 
 `python docs/make_start_weights.py` makes them anew; `docs/start_weights.md` says what they are and how good.
 """
@@ -6,15 +6,18 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.builtin.variation import drawn_parameters
+from naris.core.anatomy import RegionSet
 from naris.core.camera import Intrinsics
 from naris.core.progress import SILENT, Progress
-from naris.dataset.stream import SeveralStreams, view_stream
+from naris.dataset.stream import SeveralStreams, ViewStream, view_stream
+from naris.model.checkpoint import Checkpoint, load_checkpoint
 from naris.render.appearance import TRAINING_APPEARANCE
 from naris.render.scene import Scene
 from naris.render.viewpoints import TRAVEL
@@ -26,7 +29,29 @@ START_WEIGHTS = Path(__file__).parent / "weights" / "noses.safetensors"
 REGIONS = "paper"
 NOSES, STEPS, SEED = 32, 10000, 20181026
 FOV_DEG = 45.0
+_PLACES = 512
 _log = logging.getLogger(__name__)
+
+
+def knows(regions: RegionSet) -> bool:
+    """Whether the weights are of a network for regions of these names."""
+    return load_checkpoint(START_WEIGHTS).subject.regions.names == regions.names
+
+
+def start_for(stream: ViewStream) -> Checkpoint:
+    """The weights as those of a network for the nose of a stream, with regions that they know (`knows`).
+
+    What the weights know is where a view lies in a nose, in units of how far views reach along each axis. In another
+    frame of the same axes (x to the left, y back, z up, as the mean nose's) the middle and the reach are other ones;
+    they are taken from views of the stream.
+    """
+    start = load_checkpoint(START_WEIGHTS)
+    if start.subject.frame == stream.anatomy.frame:
+        return start
+    places_mm = stream.batch(0, _PLACES).anatomy_T_camera.position_mm
+    units = {"position_mean_mm": places_mm.mean(axis=0), "position_scale_mm": places_mm.std(axis=0)}
+    weights = {**start.weights, **{name: value.astype(np.float32) for name, value in units.items()}}
+    return replace(start, weights=weights, subject=replace(start.subject, frame=stream.anatomy.frame))
 
 
 def noses_stream(count: int, seed: int, size_px: int) -> SeveralStreams:

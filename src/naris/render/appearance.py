@@ -9,6 +9,7 @@ on smooth bumps against winding vessels on cobbles), and so are the intervals th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -141,6 +142,9 @@ class AppearanceDistribution:
         round_mask: share of the pictures with a round stop.
         exposure, auto_exposure, gamma, shoulder, black, blur_px, sharpen, read_noise, shot_noise: as in `Sensor`.
         white_balance: each factor is within 1 ± this.
+        flat: share of the pictures with a light that hardly falls off and a tone curve like a screen's, as simple
+            renderers have them (`PAPER`); a network that never saw such a picture takes depth from brightness alone,
+            and is centimetres off in one.
     """
 
     family: str
@@ -176,10 +180,12 @@ class AppearanceDistribution:
     read_noise: Interval
     shot_noise: Interval
     white_balance: float
+    flat: float = 0.0
 
     def sample(self, rng: np.random.Generator) -> Appearance:
         """One appearance."""
-        return Appearance(self._mucosa(rng), self._light(rng), self._optics(rng), self._sensor(rng))
+        look = Appearance(self._mucosa(rng), self._light(rng), self._optics(rng), self._sensor(rng))
+        return _flattened(look, rng) if self.flat and rng.random() < self.flat else look
 
     def _mucosa(self, rng: np.random.Generator) -> Mucosa:
         pale = _pale(_uniform(rng, self.hue), _uniform(rng, self.paleness))
@@ -242,6 +248,25 @@ class AppearanceDistribution:
         )
 
 
+def _flattened(look: Appearance, rng: np.random.Generator) -> Appearance:
+    """The same mucosa, less wet, as a simple renderer shows it."""
+    mucosa = cast(Mucosa, look.material)
+    wrap = float(rng.uniform(0.0, 0.15))
+    return look.with_(
+        material=replace(
+            mucosa, gloss=0.3 * mucosa.gloss * rng.random(), vessels=mucosa.vessels * rng.random(), sheen=0.0
+        ),
+        light=replace(
+            look.light,
+            attenuation=(1.0, 0.0, float(rng.uniform(0.0, 0.004))),
+            bounce=float(rng.uniform(0.0, 0.2)),
+            wrap=(wrap, 0.4 * wrap, 0.3 * wrap),
+            offset_mm=(0.0, 0.0, 0.0),
+        ),
+        sensor=replace(look.sensor, gamma=float(rng.uniform(1.0, 1.8)), shoulder=float(rng.uniform(0.0, 0.5))),
+    )
+
+
 def _uniform(rng: np.random.Generator, interval: Interval) -> float:
     return float(rng.uniform(*interval))
 
@@ -288,6 +313,7 @@ TRAINING_APPEARANCE = AppearanceDistribution(
     read_noise=(0.0, 3.0),
     shot_noise=(0.0, 3.0),
     white_balance=0.12,
+    flat=0.2,
 )
 """What training may see."""
 

@@ -192,6 +192,19 @@ COMPACT_AT_WILL = TrainConfig(
 )
 """The compact network on views that are rendered as it learns."""
 
+COMPACT_ON = COMPACT_AT_WILL.with_(
+    name="compact, views at will, from weights that know other noses",
+    network=CompactConfig(input_px=96),
+    adam=Adam(learning_rate=2e-3, weight_decay=0.05, decoupled=True, cycle=True),
+    muon=Muon(learning_rate=2e-2 / 3),
+    loss=replace(COMPACT_LOSS, label_smoothing=0.0),
+)
+"""The same from weights that know other noses (`naris.experiment.start_weights`), with lower rates to keep that.
+
+The labels are hard: no view comes often enough to be learned by heart, and what softens a label in the middle of a
+region also blurs where it ends.
+"""
+
 COMPACT_DEMO = COMPACT_AT_WILL.lasting(budget_s=140.0).with_(
     name="compact, demo",
     network=CompactConfig(input_px=96),

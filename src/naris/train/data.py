@@ -44,6 +44,10 @@ class Stream(Protocol):
         """The same bits for the same index and size."""
         ...
 
+    def steered(self, positions: int, per_position: int) -> Batch:
+        """What a camera sees that is steered through the passages; a RegionError if none can be."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Examples:

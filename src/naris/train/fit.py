@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Int, UInt8
 
+from naris.errors import RegionError
 from naris.model.calibration import Calibration, Usual, fit_pool, fit_temperature, fit_usual
 from naris.model.checkpoint import Checkpoint
 from naris.model.localizer import Outputs, fitted, open_localizer, run, shares
@@ -17,17 +19,23 @@ _KEPT_FROM = 2**40
 
 _KEPT_PICTURES = 1024
 _LEAST = 64
+_STEERED_POSITIONS, _PER_POSITION = 240, 4
+_log = logging.getLogger(__name__)
 
 
 def calibrated(checkpoint: Checkpoint, lessons: Lessons, kept: Examples | None) -> Checkpoint:
     """The checkpoint with its calibration.
 
-    A stream gives fresh views for it, a fixed set the trajectories that were kept apart. Without any there is no honest
+    A stream gives new views for it, a fixed set the trajectories that were kept apart. Without any there is no honest
     calibration: a network knows its training pictures by heart, so their probabilities would say nothing, and every
     other picture would look strange beside them. The temperature then stays 1 and the domain head's word as it is.
+
+    What is usual is found in views as the training's. How much the regions by the poses count is found in those of a
+    steered camera: the training's lie anywhere with room and look anywhere, and so many of them show too little to
+    tell a pose that it would seem worth less than it is to somebody who looks where the way goes.
     """
     if isinstance(lessons, StreamLessons):
-        return _fitted_to(checkpoint, *fresh(lessons.stream, _KEPT_PICTURES))
+        return _fitted_to(checkpoint, lessons.stream)
     if not isinstance(lessons, FixedLessons) or kept is None or len(kept) < _LEAST:
         return checkpoint
     seen = lessons.examples
@@ -42,14 +50,18 @@ def fresh(stream: Stream, count: int, size: int = 16) -> tuple[UInt8[np.ndarray,
     return np.concatenate([b.images for b in batches]), np.concatenate([b.region for b in batches])
 
 
-def _fitted_to(
-    checkpoint: Checkpoint, images: UInt8[np.ndarray, "n h w 3"], region: Int[np.ndarray, "n"]
-) -> Checkpoint:
-    """Of pictures that were not learned from: means and covariance from the even ones, scales from the odd ones."""
+def _fitted_to(checkpoint: Checkpoint, stream: Stream) -> Checkpoint:
+    """Means and covariance from the even ones of fresh views, scales from the odd ones."""
+    images, region = fresh(stream, _KEPT_PICTURES)
     said = _said(checkpoint, images)
     odd = None if said.domain_logit is None else said.domain_logit[1::2]
     usual = fit_usual(said.embedding[::2], region[::2], said.embedding[1::2], odd)
-    return _with_calibration(checkpoint, said, region, usual)
+    try:
+        steered = stream.steered(_STEERED_POSITIONS, _PER_POSITION)
+    except RegionError as error:
+        _log.info("calibrated on views of the training, as nobody can steer through its passages: %s", error)
+        return _with_calibration(checkpoint, said, region, usual)
+    return _with_calibration(checkpoint, _said(checkpoint, steered.images), steered.region, usual)
 
 
 def _with_calibration(checkpoint: Checkpoint, said: Outputs, region: Int[np.ndarray, "n"], usual: Usual) -> Checkpoint:
