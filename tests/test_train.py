@@ -81,6 +81,9 @@ class _BarStream:
         self.asked.append(index)
         return _views(size, 1000 + index)
 
+    def steered(self, positions: int, per_position: int) -> Batch:
+        return _views(positions * per_position, 999)
+
 
 class _Stop:
     """Progress that interrupts after some steps, as Ctrl-C would."""

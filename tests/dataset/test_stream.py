@@ -71,6 +71,24 @@ def test_views_keep_away_from_those_that_shall_stay_unseen(stream) -> None:
     assert near(stream.away_from(unseen)) == 0
 
 
+def test_a_steered_camera_keeps_to_the_way_and_away_from_the_unseen(stream) -> None:
+    seen = stream.steered(12, 3)
+    assert same(seen, stream.steered(12, 3))
+    assert np.bincount(seen.region).tolist() == [9, 9, 9, 9]
+    assert (seen.region == SLABS.label(seen.anatomy_T_camera.position_mm)).all()
+    line = winding_tube().passages[0].points_mm
+
+    def off_mm(poses: Pose) -> float:
+        return np.linalg.norm(poses.position_mm[:, None] - line, axis=-1).min(axis=1).mean()
+
+    assert off_mm(seen.anatomy_T_camera) < 0.7 * off_mm(stream.batch(0, 64).anatomy_T_camera)
+    unseen = seen.anatomy_T_camera[:3]
+    fewer = stream.away_from(unseen).steered(12, 3).anatomy_T_camera
+    assert 0 < len(fewer.matrix) <= len(seen) - 3
+    both = SeveralStreams((stream, replace(stream, seed=8))).steered(12, 3)
+    assert len(both) == 2 * 6 * 3
+
+
 def test_leaving_early_stops_the_thread(stream) -> None:
     batches = stream.batches(iter(range(1000000)), 4)
     assert same(next(batches), stream.batch(0, 4))

@@ -6,12 +6,14 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from naris.anatomy.builtin import built_in_nose
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Intrinsics
 from naris.core.provenance import file_digest, plain
+from naris.dataset.layout import RegionLabels
 from naris.dataset.stream import SeveralStreams, view_stream
 from naris.experiment.start_weights import (
     NOSES,
@@ -19,9 +21,11 @@ from naris.experiment.start_weights import (
     SEED,
     START_WEIGHTS,
     STEPS,
+    knows,
     make_start_weights,
     noses_stream,
     start_config,
+    start_for,
 )
 from naris.model.checkpoint import load_checkpoint
 from naris.render.appearance import TRAINING_APPEARANCE
@@ -58,6 +62,23 @@ def test_small_ones_are_made(tmp_path: Path) -> None:
     run = make_start_weights(tmp_path / "a", SeveralStreams((stream, replace(stream, seed=8))), steps=2, seed=7)
     assert run.steps == 2
     assert load_checkpoint(run.checkpoint).subject.regions.name == REGIONS
+
+
+def test_in_another_frame_they_keep_what_they_see_and_learn_where_it_lies() -> None:
+    tube = winding_tube().with_(frame="mean", regions={}, passages=winding_tube().passages)
+    names = load_checkpoint(START_WEIGHTS).subject.regions.names
+    slabs = replace(SLABS, names=names, frame="mean")
+    assert knows(slabs)
+    assert not knows(SLABS)
+    stream = view_stream(Scene(tube), slabs, TRAVEL, TRAINING_APPEARANCE, Intrinsics.from_vertical_fov(8, 8, 45.0), 7)
+    here, there = load_checkpoint(START_WEIGHTS), start_for(stream)
+    assert there.subject.frame == tube.frame != here.subject.frame
+    assert there.subject.regions.digest == RegionLabels.of(slabs).digest
+    changed = {name for name in here.weights if not np.array_equal(here.weights[name], there.weights[name])}
+    assert changed == {"position_mean_mm", "position_scale_mm"}
+    places = stream.batch(1, 256).anatomy_T_camera.position_mm
+    np.testing.assert_allclose(there.weights["position_mean_mm"], places.mean(axis=0), atol=2.0)
+    np.testing.assert_allclose(there.weights["position_scale_mm"], places.std(axis=0), rtol=0.2, atol=0.3)
 
 
 @pytest.mark.slow

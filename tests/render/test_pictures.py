@@ -249,6 +249,15 @@ def test_draws_repeat_and_the_unseen_ones_are_apart() -> None:
     assert max(violet(a) for a in seen) < min(violet(a) for a in unseen)
 
 
+def test_a_fifth_of_the_training_looks_is_flat_and_no_other() -> None:
+    rng = np.random.default_rng(0)
+    falloff = np.array([TRAINING_APPEARANCE.sample(rng).light.attenuation[2] for _ in range(400)])
+    flat = falloff <= 0.004
+    assert 0.13 < flat.mean() < 0.27
+    assert falloff[~flat].min() >= 0.01
+    assert min(UNSEEN_APPEARANCE.sample(rng).light.attenuation[2] for _ in range(100)) >= 0.1
+
+
 def warmth(appearance: Appearance) -> float:
     red, _, blue = appearance.light.diffuse
     return red - blue

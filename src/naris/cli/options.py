@@ -54,6 +54,7 @@ ALLOWED: Mapping[str, Range] = {
     "workers": _AT_A_TIME,
     "threads": _AT_A_TIME,
     "count": _COUNT,
+    "virtual": Range(1, 100),
     "per_position": _COUNT,
     "width": _COUNT,
     "height": _COUNT,

@@ -16,6 +16,7 @@ from naris.anatomy.builtin.variation import drawn_parameters
 from naris.core.anatomy import RegionSet
 from naris.core.camera import Intrinsics
 from naris.core.progress import SILENT, Progress
+from naris.dataset.layout import RegionLabels
 from naris.dataset.stream import SeveralStreams, ViewStream, view_stream
 from naris.model.checkpoint import Checkpoint, load_checkpoint
 from naris.render.appearance import TRAINING_APPEARANCE
@@ -51,7 +52,8 @@ def start_for(stream: ViewStream) -> Checkpoint:
     places_mm = stream.batch(0, _PLACES).anatomy_T_camera.position_mm
     units = {"position_mean_mm": places_mm.mean(axis=0), "position_scale_mm": places_mm.std(axis=0)}
     weights = {**start.weights, **{name: value.astype(np.float32) for name, value in units.items()}}
-    return replace(start, weights=weights, subject=replace(start.subject, frame=stream.anatomy.frame))
+    regions = RegionLabels.of(stream.regions)
+    return replace(start, weights=weights, subject=replace(start.subject, frame=stream.anatomy.frame, regions=regions))
 
 
 def noses_stream(count: int, seed: int, size_px: int) -> SeveralStreams:

@@ -19,12 +19,14 @@ _KEPT_FROM = 2**40
 
 _KEPT_PICTURES = 1024
 _LEAST = 64
-_STEERED_POSITIONS, _PER_POSITION = 240, 4
+"""Pictures to calibrate with: after a long training so many, after a short one no more than it learned from."""
+
+_PER_POSITION = 4
 _log = logging.getLogger(__name__)
 
 
-def calibrated(checkpoint: Checkpoint, lessons: Lessons, kept: Examples | None) -> Checkpoint:
-    """The checkpoint with its calibration.
+def calibrated(checkpoint: Checkpoint, lessons: Lessons, kept: Examples | None, learned: int) -> Checkpoint:
+    """The checkpoint with its calibration, after it learned from so many pictures.
 
     A stream gives new views for it, a fixed set the trajectories that were kept apart. Without any there is no honest
     calibration: a network knows its training pictures by heart, so their probabilities would say nothing, and every
@@ -35,7 +37,7 @@ def calibrated(checkpoint: Checkpoint, lessons: Lessons, kept: Examples | None) 
     tell a pose that it would seem worth less than it is to somebody who looks where the way goes.
     """
     if isinstance(lessons, StreamLessons):
-        return _fitted_to(checkpoint, lessons.stream)
+        return _fitted_to(checkpoint, lessons.stream, min(max(learned, _LEAST), _KEPT_PICTURES))
     if not isinstance(lessons, FixedLessons) or kept is None or len(kept) < _LEAST:
         return checkpoint
     seen = lessons.examples
@@ -50,14 +52,14 @@ def fresh(stream: Stream, count: int, size: int = 16) -> tuple[UInt8[np.ndarray,
     return np.concatenate([b.images for b in batches]), np.concatenate([b.region for b in batches])
 
 
-def _fitted_to(checkpoint: Checkpoint, stream: Stream) -> Checkpoint:
+def _fitted_to(checkpoint: Checkpoint, stream: Stream, count: int) -> Checkpoint:
     """Means and covariance from the even ones of fresh views, scales from the odd ones."""
-    images, region = fresh(stream, _KEPT_PICTURES)
+    images, region = fresh(stream, count)
     said = _said(checkpoint, images)
     odd = None if said.domain_logit is None else said.domain_logit[1::2]
     usual = fit_usual(said.embedding[::2], region[::2], said.embedding[1::2], odd)
     try:
-        steered = stream.steered(_STEERED_POSITIONS, _PER_POSITION)
+        steered = stream.steered(count // _PER_POSITION, _PER_POSITION)
     except RegionError as error:
         _log.info("calibrated on views of the training, as nobody can steer through its passages: %s", error)
         return _with_calibration(checkpoint, said, region, usual)

@@ -150,7 +150,7 @@ def train(
         settings = origin.settings
         made = {"settings": settings, "steps": learner.steps, "precision": learner.precision, "versions": versions()}
         made |= {"data": lessons.told, "start": None if start is None else start_told(start)}
-        save_checkpoint(out / MODEL, calibrated(learner.checkpoint(made), lessons, kept))
+        save_checkpoint(out / MODEL, calibrated(learner.checkpoint(made), lessons, kept, journal.pictures))
     run = TrainingRun(
         out,
         config.seed,

@@ -1,0 +1,124 @@
+"""Carry a region set to an anatomy that has none: from other anatomies, by laying each of them on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from naris.cli.console import Console
+from naris.cli.options import IfGiven, refuse
+
+if TYPE_CHECKING:
+    from naris.anatomy.transfer import Transfer
+    from naris.core.anatomy import Anatomy
+
+PICTURE = "anatomy.html"
+UNSURE = 1
+_VIRTUAL = 12
+
+
+@dataclass(frozen=True)
+class Options:
+    """To which anatomy, from which, and where to."""
+
+    anatomy: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ANATOMY")]
+    """A folder made by naris anatomy from-ct, or any other anatomy with its landmarks."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")]
+    """Folder for the anatomy with its new regions, and a picture: new, empty, or one made by naris anatomy."""
+    reference: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ANATOMY", help_behavior_hint="(optional)")] = ()
+    """Anatomies to carry from, each with the region set; by default virtual noses with the anatomical one."""
+    regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
+    """Which region set of the references; their first when not given. Only with --reference."""
+    virtual: IfGiven[int] = None
+    """How many virtual noses to carry from; 12 when not given, about ten seconds each. Not with --reference."""
+
+
+def run(options: Options, console: Console) -> int:
+    """Lays the references on the anatomy and keeps it with its regions; exit status 1 where these are not sure."""
+    from naris.anatomy.folder import check_folder, save_anatomy
+    from naris.anatomy.transfer import transfer_regions, virtual_references
+    from naris.cli.anatomies import open_anatomy
+
+    if options.reference:
+        refuse(options, ("virtual",), "without --reference", f"{len(options.reference)} references")
+    else:
+        refuse(options, ("regions",), "only with --reference", "virtual noses, which have anatomical regions")
+    check_folder(options.out)
+    target, _ = open_anatomy(options.anatomy)
+    if options.reference:
+        references = [open_anatomy(one, options.regions)[0] for one in options.reference]
+    else:
+        count = options.virtual or _VIRTUAL
+        references = []
+        with console.progress.task("virtual noses", count) as advance:
+            for nose in virtual_references(count):
+                references.append(nose)
+                advance(1)
+    found = transfer_regions(target, references, options.regions, console.progress)
+    data = _describe(target, found)
+    if not found.usable:
+        console.answer(data, f"{_text(data)}\nnot sure enough to be of use; nothing was kept")
+        return UNSURE
+    others = {name: one for name, one in target.regions.items() if name != found.regions.name}
+    made = target.with_(regions={found.regions.name: found.regions, **others})
+    save_anatomy(made, options.out)
+    _write_picture(made, data, options.out)
+    data |= {"folder": options.out, "picture": options.out / PICTURE}
+    console.answer(data, f"{_text(data)}\nkept in {options.out}, picture in {options.out / PICTURE}")
+    return 0
+
+
+def interrupted(options: Options) -> str:
+    """What a user who stopped it should know."""
+    return "nothing was kept; run the same command again"
+
+
+def _describe(target: Anatomy, found: Transfer) -> dict[str, Any]:
+    labels, ml = found.regions.labels, found.regions.spacing_mm**3 / 1000
+    return {
+        "anatomy": target.name,
+        "usable": found.usable,
+        "region_set": found.regions.name,
+        "likely": round(found.likely, 3),
+        "regions": {
+            name: {
+                "volume_ml": round(float((labels == k).sum()) * ml, 2),
+                "sure": round(float(found.sure[labels == k].mean()), 3) if (labels == k).any() else None,
+            }
+            for k, name in enumerate(found.regions.names)
+        },
+        "references": [
+            {"name": fit.name, "off_mm": round(fit.mean_mm, 2), "off_p95_mm": round(fit.p95_mm, 2),
+             "weight": round(fit.weight, 3)}
+            for fit in found.fits
+        ],
+    }  # fmt: skip
+
+
+def _text(data: dict[str, Any]) -> str:
+    best = min(data["references"], key=lambda one: one["off_mm"])
+    lines = [
+        f"{data['anatomy']}: regions {data['region_set']}, "
+        f"expected to be right for {100 * data['likely']:.0f} % of the lumen",
+        f"  {len(data['references'])} {'reference' if len(data['references']) == 1 else 'references'}; "
+        f"{best['name']} lies nearest, {best['off_mm']:.2f} mm off on average",
+    ]
+    for name, one in data["regions"].items():
+        sure = "not there" if one["sure"] is None else f"{one['volume_ml']:5.1f} ml, {100 * one['sure']:.0f} % sure"
+        lines.append(f"  {name:<44}{sure}")
+    return "\n".join(lines)
+
+
+def _write_picture(made: Anatomy, data: dict[str, Any], folder: Path) -> None:
+    from naris.core.atomic import write_text
+    from naris.report.anatomy_page import anatomy_page
+
+    facts = {
+        "from": made.source,
+        "regions": f"{data['region_set']}, carried from {len(data['references'])} other noses, expected to be right for"
+        f" {100 * data['likely']:.0f} % of the lumen",
+    }
+    write_text(folder / PICTURE, anatomy_page(made, data["region_set"], facts))
