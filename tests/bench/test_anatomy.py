@@ -75,12 +75,15 @@ def test_refused_noses_are_counted_not_passed_over() -> None:
 def test_a_trip_that_finds_no_nose_stops_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything but the trips themselves, which take most of a minute."""
 
-    def trip(seed: int, number: int) -> Trip:
+    def trip(seed: int, number: int, references: object) -> Trip:
         if number == 0:
             raise ScanError("two open nostrils", "one", "give another")
         return Trip(np.full(4, 0.1 * number), {"left.nostril": 1.0 * number}, 0)
 
     monkeypatch.setattr("naris.bench.anatomy.round_trip", trip)
+    monkeypatch.setattr("naris.bench.anatomy.references_of", lambda request: [])
+    monkeypatch.setattr("naris.bench.anatomy.of_transfers", lambda request, references: [])
+    monkeypatch.setattr("naris.bench.anatomy.of_samples", lambda request: [])
     monkeypatch.setattr("naris.bench.anatomy.QUICK_TRIPS", 3)
     monkeypatch.setattr("naris.bench.anatomy._POINTS", ("left.nostril",))
     figures = {one.name: one for one in measure(BenchRequest(quick=True)).figures}

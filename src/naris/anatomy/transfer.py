@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
-from naris.anatomy.builtin import built_in_nose
+from naris.anatomy.builtin import NoseParameters, built_in_nose
 from naris.anatomy.builtin.variation import drawn_parameters
 from naris.anatomy.correspondence import correspond
 from naris.anatomy.distance import SignedDistance, signed_distance
@@ -138,13 +138,13 @@ def transfer_regions(
 def virtual_references(count: int) -> Iterator[Anatomy]:
     """Noses to carry the anatomical regions from, always the same: the built-in one, and others like it.
 
-    These are drawn from the normal ranges. A draw whose passages are closed is passed over.
+    They are drawn from the normal ranges, and come without passages. A draw that makes no nose is passed over.
     """
     number = made = 0
     while made < count:
         try:
             parameters = drawn_parameters(np.random.default_rng([_SEED, number]))
-            nose = built_in_nose(parameters) if made else built_in_nose()
+            nose = built_in_nose(parameters if made else NoseParameters(), passages=False)
         except InputError:
             number += 1
             continue

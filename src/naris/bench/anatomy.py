@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import nrrd
@@ -27,8 +27,10 @@ from naris.anatomy.builtin.variation import drawn_parameters
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.level_set import surface
 from naris.anatomy.scanned import ScannedAnatomy, anatomy_of_airway
+from naris.anatomy.transfer import transfer_regions
 from naris.anatomy.virtual_ct import Scanner, virtual_ct
 from naris.bench import BenchRequest, Measurement
+from naris.bench.carried import Right, of_samples, of_transfers, references_of, right
 from naris.bench.result import Figure
 from naris.core.anatomy import Anatomy
 from naris.core.provenance import file_digest
@@ -60,11 +62,13 @@ class Trip:
         off_mm: distances between the surfaces, both ways, but near the nostrils.
         landmarks_mm: by name, how far each lies from where it was made.
         genus: of the surface that was found.
+        regions: how right those were that were carried to it; None where none were.
     """
 
     off_mm: Float[np.ndarray, "n"]
     landmarks_mm: Mapping[str, float]
     genus: int
+    regions: Right | None = None
 
 
 def measure(request: BenchRequest) -> Measurement:
@@ -72,27 +76,31 @@ def measure(request: BenchRequest) -> Measurement:
     count = QUICK_TRIPS if request.quick else TRIPS
     trips: list[Trip] = []
     refused = 0
+    references = references_of(request)
     with request.progress.task("round trips", count) as advance:
         for number in range(count):
             try:
-                trips.append(round_trip(request.seed, number))
+                trips.append(round_trip(request.seed, number, references))
             except NarisError as error:
                 _LOG.warning("round trip %d found no nose: %s", number, error)
                 refused += 1
             advance(1)
-    figures = [*_of_trips(trips, refused), *_of_labelled(request.scans), *_of_times(request)]
+    figures = [*_of_trips(trips, refused), *of_transfers(request, references), *of_samples(request)]
+    figures += [*_of_labelled(request.scans), *_of_times(request)]
     return Measurement(tuple(figures), _inputs(request.scans))
 
 
-def round_trip(seed: int, number: int) -> Trip:
-    """One virtual patient, there and back.
+def round_trip(seed: int, number: int, references: Sequence[Anatomy]) -> Trip:
+    """One virtual patient, there and back, with regions carried from others.
 
     Raises:
         NarisError: if no nose is found in its scan.
     """
     truth = built_in_nose(drawn_parameters(np.random.default_rng([seed, number])))
     airway = segment_airway(virtual_ct(truth, SCANNER, seed + number))
-    return compared(truth, airway, anatomy_of_airway(airway, "found", "a virtual CT"))
+    made = anatomy_of_airway(airway, "found", "a virtual CT")
+    carried = transfer_regions(made.anatomy, references)
+    return replace(compared(truth, airway, made), regions=right(carried, truth))
 
 
 def compared(truth: Anatomy, airway: Airway, made: ScannedAnatomy) -> Trip:
@@ -154,7 +162,17 @@ def _of_trips(trips: Sequence[Trip], refused: int) -> list[Figure]:
             )
             for name in _POINTS
         ),
+        *_of_regions([trip.regions for trip in trips if trip.regions is not None]),
         Figure(f"{base}.genus_most", float(max(trip.genus for trip in trips)) if n else None, "handles", n, "lower"),
+    ]
+
+
+def _of_regions(found: Sequence[Right]) -> list[Figure]:
+    off_borders, everywhere = (_mean(one.off_borders for one in found), _mean(one.everywhere for one in found))
+    base, n = "anatomy.roundtrip.region_accuracy", len(found)
+    return [
+        Figure(base, off_borders, "1", n, "higher", 0.95),
+        Figure(f"{base}_with_borders", everywhere, "1", n, "higher"),
     ]
 
 

@@ -64,7 +64,9 @@ def shape_of(parameters: NoseParameters, resolution_mm: float = RESOLUTION_MM) -
     return Shape(taubin(vertices, faces, _SMOOTHING_STEPS, _PASS_BAND), faces, lumen, grid, at)
 
 
-def built_in_nose(parameters: NoseParameters = NoseParameters(), *, resolution_mm: float = RESOLUTION_MM) -> Anatomy:
+def built_in_nose(
+    parameters: NoseParameters = NoseParameters(), *, resolution_mm: float = RESOLUTION_MM, passages: bool = True
+) -> Anatomy:
     """A decongested adult nose, both sides and the nasopharynx, as one closed surface.
 
     The same parameters and resolution give the same surface, bit for bit, on one machine.
@@ -72,6 +74,7 @@ def built_in_nose(parameters: NoseParameters = NoseParameters(), *, resolution_m
     Args:
         parameters: lengths in mm and angles in degrees.
         resolution_mm: spacing of the grid that the implicit model is sampled on.
+        passages: find them, which takes most of the time, and refuse a nose in which one is closed.
 
     Returns:
         An anatomy in the frame `LPS` (x to the patient's left, nasal floor at z = −18, tip of the nostrils at y = −45),
@@ -95,7 +98,7 @@ def built_in_nose(parameters: NoseParameters = NoseParameters(), *, resolution_m
         },
         landmarks_mm=landmarks_mm(parameters, shape.at, clearance, shape.grid),
     )
-    return anatomy.with_(passages=_passages(anatomy))
+    return anatomy.with_(passages=_passages(anatomy)) if passages else anatomy
 
 
 def _passages(anatomy: Anatomy) -> tuple[Passage, ...]:

@@ -1,0 +1,76 @@
+"""`naris anatomy transfer`: regions of one anatomy on another, an honest no, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from naris.anatomy.folder import load_anatomy, save_anatomy
+from naris.cli import main
+from naris.core.anatomy import SlabRegions
+from tests.anatomy.test_correspondence import bent, marked_tube, moved
+from tests.winding_tube import SLABS
+
+
+@pytest.fixture
+def bare(tmp_path: Path) -> Path:
+    """A tube with landmarks and one region only."""
+    folder = tmp_path / "bare"
+    save_anatomy(marked_tube().with_(regions={"all": SlabRegions("all", ("all",), "LPS", 1, ())}), folder)
+    return folder
+
+
+def reference(tmp_path: Path, scale: float = 1.0) -> Path:
+    folder = tmp_path / f"reference {scale}"
+    save_anatomy(moved(marked_tube(), lambda points: scale * bent(points)).with_(regions={"slabs": SLABS}), folder)
+    return folder
+
+
+def test_regions_are_carried_and_kept_first(bare: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "with regions"
+    words = ["anatomy", "transfer", str(bare), "-o", str(out), "--reference", str(reference(tmp_path))]
+    assert main([*words, "--json", "--quiet"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["usable"]
+    assert list(told["regions"]) == list(SLABS.names)
+    assert (out / "anatomy.html").is_file()
+    kept = load_anatomy(str(out))
+    assert list(kept.regions) == ["slabs", "all"]
+    line = marked_tube().passages[0].points_mm
+    away = np.abs(line[:, 1:2] - np.array(SLABS.borders_mm)).min(axis=1) > 1.5
+    assert (kept.region_set().label(line) == SLABS.label(line))[away].all()
+
+
+def test_a_reference_that_lies_far_off_is_no_use(
+    bare: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("naris.anatomy.transfer.FITS_MM", 0.001)
+    out = tmp_path / "nothing"
+    words = ["anatomy", "transfer", str(bare), "-o", str(out), "--reference", str(reference(tmp_path)), "--quiet"]
+    assert main(words) == 1
+    assert "nothing was kept" in capfd.readouterr().out
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--reference", "REFERENCE", "--virtual", "3"], "--virtual without --reference"),
+        (["--regions", "slabs"], "--regions only with --reference"),
+        (["--virtual", "0"], "--virtual"),
+        (["--reference", "nowhere"], "nowhere"),
+        (["--reference", "REFERENCE", "--regions", "none"], "none"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_sentence(
+    bare: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], options: list[str], says: str
+) -> None:
+    words = [str(reference(tmp_path)) if word == "REFERENCE" else word for word in options]
+    assert main(["anatomy", "transfer", str(bare), "-o", str(tmp_path / "out"), *words, "--quiet"]) == 2
+    said = capfd.readouterr()
+    assert says in said.err
+    assert said.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
