@@ -10,13 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from naris.anatomy.builtin import built_in_nose
-from naris.anatomy.builtin.variation import drawn_parameters
+from naris.anatomy.builtin.variation import virtual_patient
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.transfer import Transfer, transfer_regions, virtual_references
 from naris.bench import BenchRequest
 from naris.bench.result import Figure
 from naris.core.anatomy import NOWHERE, Anatomy, RegionSet
-from naris.errors import InputError
 
 REFERENCES, QUICK_REFERENCES = 12, 2
 TARGETS, QUICK_TARGETS = 10, 1
@@ -81,15 +80,7 @@ def references_of(request: BenchRequest) -> Sequence[Anatomy]:
 
 
 def _noses(request: BenchRequest, count: int) -> Iterator[Anatomy]:
-    number = made = 0
-    while made < count:
-        rng = np.random.default_rng([_OTHER_SEEDS + request.seed, number])
-        number += 1
-        try:
-            yield built_in_nose(drawn_parameters(rng))
-        except InputError:
-            continue
-        made += 1
+    return (virtual_patient(_OTHER_SEEDS + request.seed, number) for number in range(count))
 
 
 def _count(request: BenchRequest, whole: int, quick: int) -> int:

@@ -31,6 +31,7 @@ VERBS: Mapping[str, Verb] = {
     "anatomy from-ct": Verb("naris.cli.anatomy_from_ct", "the airway of the nose in a CT, as an anatomy"),
     "anatomy inspect": Verb("naris.cli.anatomy_inspect", "what a CT is and whether it will do"),
     "anatomy transfer": Verb("naris.cli.anatomy_transfer", "regions for an anatomy, carried from others"),
+    "anatomy sample": Verb("naris.cli.anatomy_sample", "virtual patients: noses drawn from the normal ranges"),
     "anatomy to-ct": Verb("naris.cli.anatomy_to_ct", "the CT that a scanner would make of an anatomy"),
     "simulate": Verb("naris.cli.simulate", "pictures of an anatomy with poses, regions and depth"),
     "train": Verb("naris.cli.train", "a network, on views rendered as it learns or on a data set"),

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from naris.anatomy.builtin.layout import layout_of
+from naris.anatomy.builtin.nose import built_in_nose
 from naris.anatomy.builtin.parameters import NORMAL_RANGES, NoseParameters
+from naris.core.anatomy import Anatomy
 from naris.errors import InputError
 
 _TRIES = 100
@@ -29,3 +31,21 @@ def drawn_parameters(rng: np.random.Generator) -> NoseParameters:
             continue
         return parameters
     raise InputError("normal ranges whose noses fit together", f"none in {_TRIES} draws", "report this as a bug")
+
+
+def virtual_patient(seed: int, number: int) -> Anatomy:
+    """The nose number `number` of a population; it depends on the seed and its number alone.
+
+    Draws whose passages close are passed over.
+
+    Raises:
+        InputError: if none of a hundred draws is open.
+    """
+    rng = np.random.default_rng([seed, number])
+    for _ in range(_TRIES):
+        parameters = drawn_parameters(rng)
+        try:
+            return built_in_nose(parameters).with_(name=f"virtual patient {number} of seed {seed}")
+        except InputError:
+            continue
+    raise InputError("normal ranges whose noses are open", f"none in {_TRIES} draws", "report this as a bug")
