@@ -33,6 +33,7 @@ FREE = -1
 _PROBE = Intrinsics.from_vertical_fov(8, 8, 45.0)
 _ANY_LOOK = Appearance()
 _TRIES = (2, 2, 4, 8, 16, 32, 64, 128, 256)
+_TURNS = 12
 _FEWEST_PLACES = 40
 _MOST_PLACES, _MOST_PLACES_IN_ALL = 20_000, 100_000
 _STRETCH_MM = 3.0
@@ -227,7 +228,8 @@ def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator, a
         bank: where views come from.
         n: how many.
         rng: of everything random.
-        avoid: views near one of these (`naris.render.near`) are drawn again, so that these stay unseen.
+        avoid: views that stay unseen: a camera near one of them (`naris.render.near`) looks elsewhere, and where it
+            cannot, another is drawn.
 
     Raises:
         RegionError: if a region has no view of the asked depth.
@@ -239,7 +241,10 @@ def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator, a
         if not len(still):
             break
         tried = np.repeat(still, tries)
-        poses = _draw(bank, wanted[tried], rng)
+        place, position_mm = _stand(bank, wanted[tried], rng)
+        poses = _look(bank, place, position_mm, rng)
+        if avoid is not None:
+            poses = _looking_elsewhere(bank, place, poses, avoid, rng)
         fits = sees_ahead(scene, poses, bank.distribution.median_depth_mm, bank.distribution.seen)
         if avoid is not None:
             fits &= ~neighbours(avoid, poses)
@@ -332,18 +337,45 @@ def _regions_wanted(bank: ViewBank, n: int, rng: np.random.Generator) -> Int[np.
     return rng.permutation(np.concatenate([np.repeat(np.arange(k), n // k), rest]))
 
 
-def _draw(bank: ViewBank, wanted: Int[np.ndarray, "n"], rng: np.random.Generator) -> Pose:
-    """A pose for each wanted region, not yet checked for depth."""
+def _stand(
+    bank: ViewBank, wanted: Int[np.ndarray, "n"], rng: np.random.Generator
+) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "n 3"]]:
+    """A place of the bank for each wanted region, and a position near it."""
     first = np.where(wanted < 0, 0, bank.starts[wanted])
     last = np.where(wanted < 0, len(bank.region), bank.starts[wanted + 1])
     place = _places(bank, first, last, rng.random(len(wanted)))
     node = bank.places_mm[place]
     near = node + bank.distance.spacing_mm * (rng.random((len(wanted), 3)) - 0.5)
     fits = (bank.distance(near) >= bank.room_mm[bank.region[place]]) & (bank.regions.label(near) == bank.region[place])
-    position = np.where(fits[:, None], near, node)
-    forward = tilted(bank.tangents[place], _tilts_rad(bank.distribution, len(wanted), rng), rng)
-    roll_rad = np.deg2rad(bank.distribution.roll_sd_deg) * rng.standard_normal(len(wanted))
-    return Pose.look(position, forward, upright(forward), bank.regions.frame, roll_rad)
+    return place, np.where(fits[:, None], near, node)
+
+
+def _look(
+    bank: ViewBank, place: Int[np.ndarray, "n"], position_mm: Float[np.ndarray, "n 3"], rng: np.random.Generator
+) -> Pose:
+    """Cameras at these positions, not yet checked for depth."""
+    forward = tilted(bank.tangents[place], _tilts_rad(bank.distribution, len(place), rng), rng)
+    roll_rad = np.deg2rad(bank.distribution.roll_sd_deg) * rng.standard_normal(len(place))
+    return Pose.look(position_mm, forward, upright(forward), bank.regions.frame, roll_rad)
+
+
+def _looking_elsewhere(
+    bank: ViewBank, place: Int[np.ndarray, "n"], poses: Pose, avoid: Pose, rng: np.random.Generator
+) -> Pose:
+    """The same positions; cameras near a view that is to stay unseen look somewhere else if they can.
+
+    Were they drawn anew as a whole, nobody would ever stand where an unseen view is, and a network would learn just
+    that: its poses and regions would avoid the very places that it is tested at.
+    """
+    matrix = poses.matrix.copy()
+    near = np.flatnonzero(neighbours(avoid, poses))
+    for _ in range(_TURNS):
+        if not len(near):
+            break
+        turned = _look(bank, place[near], matrix[near, :3, 3], rng)
+        matrix[near] = turned.matrix
+        near = near[neighbours(avoid, turned)]
+    return Pose(matrix, poses.target, poses.source)
 
 
 def _places(

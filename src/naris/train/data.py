@@ -19,6 +19,7 @@ from naris.dataset.stream import Batch, SeveralStreams
 from naris.errors import DatasetError
 from naris.model.checkpoint import Subject
 from naris.model.localizer import fitted, input_px, squared
+from naris.render.near import neighbours
 from naris.train.augment import augment
 from naris.train.config import Replay, TrainConfig
 from naris.train.strangers import strangers
@@ -242,7 +243,9 @@ class StreamLessons:
         region = np.array([batch.region[r] for batch, r in pick])
         pose = np.stack([batch.anatomy_T_camera.matrix[r] for batch, r in pick])
         fov_deg = np.array([batch.vertical_fov_deg[r] for batch, r in pick])
-        shown = _Shown(squared(images), region, pose, self._squared_fov_deg(fov_deg), self.subject.intrinsics)
+        fov_deg = self._squared_fov_deg(fov_deg)
+        avoid = getattr(self.stream, "avoid", None)
+        shown = _Shown(squared(images), region, pose, fov_deg, self.subject.intrinsics, avoid)
         return _changed(shown, self.config, step)
 
     def _squared_fov_deg(self, fov_deg: Float[np.ndarray, "b"]) -> Float[np.ndarray, "b"]:
@@ -322,13 +325,17 @@ def stream_description(stream: Stream) -> dict[str, object]:
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
-    """Square pictures as they are kept, their truth, the vertical angle of each and the camera that they are of."""
+    """Square pictures as they are kept, their truth, the vertical angle of each and the camera that they are of.
+
+    None may be turned to be near one of `avoid`.
+    """
 
     images: UInt8[np.ndarray, "b s s 3"]
     region: Int[np.ndarray, "b"]
     pose: Float[np.ndarray, "b 4 4"]
     fov_deg: Float[np.ndarray, "b"]
     intrinsics: Intrinsics
+    avoid: Pose | None = None
 
 
 def _changed(shown: _Shown, config: TrainConfig, step: int) -> Lesson:
@@ -339,8 +346,15 @@ def _changed(shown: _Shown, config: TrainConfig, step: int) -> Lesson:
         rng = np.random.default_rng([config.seed, _CHANGE, step])
         aspect = shown.intrinsics.fx / shown.intrinsics.fy
         images, turn = augment(images, shown.fov_deg, size, config.augmentation, rng, aspect)
-        pose = pose.copy()
-        pose[:, :3, :3] = pose[:, :3, :3] @ turn
+        pose = _turned(pose, turn)
+        near = _too_near(shown, pose)
+        if near.any():
+            unturned = replace(config.augmentation, turn_deg=0.0, roll_deg=0.0)
+            rng = np.random.default_rng([config.seed, _CHANGE, step])
+            images[near], turn[near] = (
+                made[near] for made in augment(shown.images, shown.fov_deg, size, unturned, rng, aspect)
+            )
+            pose = _turned(shown.pose, turn)
     else:
         images = fitted(images, size)
     count = round(config.strangers * len(images))
@@ -348,3 +362,16 @@ def _changed(shown: _Shown, config: TrainConfig, step: int) -> Lesson:
         rng = np.random.default_rng([config.seed, _STRANGE, step])
         images = np.concatenate([images, strangers(count, size, images, rng)])
     return Lesson(images, shown.region, pose)
+
+
+def _turned(pose: Float[np.ndarray, "b 4 4"], turn: Float[np.ndarray, "b 3 3"]) -> Float[np.ndarray, "b 4 4"]:
+    pose = pose.copy()
+    pose[:, :3, :3] = pose[:, :3, :3] @ turn
+    return pose
+
+
+def _too_near(shown: _Shown, pose: Float[np.ndarray, "b 4 4"]) -> Bool[np.ndarray, "b"]:
+    """Which cameras were turned towards a view that is to stay unseen."""
+    if shown.avoid is None:
+        return np.zeros(len(pose), dtype=bool)
+    return neighbours(shown.avoid, Pose(pose, shown.avoid.target, shown.avoid.source))
