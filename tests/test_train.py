@@ -34,7 +34,7 @@ from naris.model.standing import region_shares
 from naris.model.two_layer import TwoLayerConfig
 from naris.train import COMPACT_AT_WILL, COMPACT_FEW, PUBLISHED, Examples, Replay, TrainConfig, train, train_runs
 from naris.train.augment import FEW_PICTURES, Augmentation, augment
-from naris.train.data import FixedLessons, StreamLessons, split_off
+from naris.train.data import FixedLessons, Lesson, StreamLessons, split_off
 from naris.train.learner import rate
 from naris.train.loop import MODEL, STATE
 from naris.train.strangers import strangers
@@ -444,6 +444,33 @@ def test_a_stream_of_tall_pictures_is_seen_through_its_middle() -> None:
     square.intrinsics = made_for
     square.batch = lambda index, size: replace(tall, vertical_fov_deg=np.full(8, made_for.vertical_fov_deg))  # type: ignore[method-assign]
     assert np.abs(StreamLessons(square, config).lesson(0).images.astype(int) - changed.images).max() <= 1
+
+
+def test_no_view_is_turned_to_be_near_one_that_stays_unseen() -> None:
+    """Cameras look 16° past an unseen view; turned by 10° or so, some would come nearer than 15°."""
+    stream = _BarStream()
+    views = _views(8, 1)
+    forward = np.stack([np.zeros(8), np.cos(np.deg2rad(16)) * np.ones(8), np.sin(np.deg2rad(16)) * np.ones(8)], axis=1)
+    poses = Pose.look(np.zeros((8, 3)), forward, np.array([0, 0, 1.0]), "mean")
+    stream.batch = lambda index, size: replace(views, anatomy_T_camera=poses)  # type: ignore[method-assign]
+    turning = Augmentation(turn_deg=10.0, gain=0.3)
+    config = COMPACT_AT_WILL.lasting(steps=1).with_(
+        network=TINY, batch=8, replay=None, strangers=0.0, augmentation=turning
+    )
+
+    def lesson(avoid: Pose | None) -> Lesson:
+        stream.avoid = avoid  # type: ignore[attr-defined]
+        return StreamLessons(stream, config).lesson(0)
+
+    unseen = Pose.look(np.zeros((1, 3)), np.array([[0, 1.0, 0]]), np.array([0, 0, 1.0]), "mean")
+    free, kept = lesson(None), lesson(unseen)
+    angle = [np.rad2deg(np.arccos(made.pose[:, 1, 2])) for made in (free, kept)]
+    near = angle[0] < 15
+    assert 0 < near.sum() < 8
+    np.testing.assert_allclose(angle[1][near], 16, atol=1e-6)
+    assert np.array_equal(kept.pose[~near], free.pose[~near])
+    assert np.array_equal(kept.images[~near], free.images[~near])
+    assert not np.array_equal(kept.images[near], free.images[near])
 
 
 def test_a_stream_is_rendered_once_and_forgotten() -> None:

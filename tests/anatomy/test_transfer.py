@@ -69,12 +69,12 @@ def test_references_of_several_kinds_are_refused() -> None:
 
 @pytest.mark.slow
 def test_between_noses_most_of_the_lumen_gets_its_region() -> None:
-    """Three references only; `naris bench anatomy` tells how it is with twelve."""
-    target = built_in_nose(drawn_parameters(np.random.default_rng(5)))
-    found = transfer_regions(target, list(virtual_references(3)))
+    """Two references only; `naris bench anatomy` tells how it is with twelve."""
+    target = built_in_nose(drawn_parameters(np.random.default_rng(5)), passages=False)
+    found = transfer_regions(target, list(virtual_references(2)))
     distance = signed_distance(target, 1.0)
     places = distance.origin_mm + np.argwhere(distance.values_mm > 1.0)
     true = target.region_set("anatomical").label(places)
     right = (found.regions.label(places) == true)[true != NOWHERE]
-    assert right.mean() > 0.85
-    assert found.likely < right.mean() + 0.06
+    assert right.mean() > 0.8
+    assert found.likely < right.mean() + 0.1

@@ -83,7 +83,7 @@ def test_a_trip_that_finds_no_nose_stops_no_other(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("naris.bench.anatomy.round_trip", trip)
     monkeypatch.setattr("naris.bench.anatomy.references_of", lambda request: [])
     monkeypatch.setattr("naris.bench.anatomy.of_transfers", lambda request, references: [])
-    monkeypatch.setattr("naris.bench.anatomy.of_samples", lambda request: [])
+    monkeypatch.setattr("naris.bench.anatomy.of_samples", lambda request, references: [])
     monkeypatch.setattr("naris.bench.anatomy.QUICK_TRIPS", 3)
     monkeypatch.setattr("naris.bench.anatomy._POINTS", ("left.nostril",))
     figures = {one.name: one for one in measure(BenchRequest(quick=True)).figures}

@@ -85,7 +85,7 @@ def measure(request: BenchRequest) -> Measurement:
                 _LOG.warning("round trip %d found no nose: %s", number, error)
                 refused += 1
             advance(1)
-    figures = [*_of_trips(trips, refused), *of_transfers(request, references), *of_samples(request)]
+    figures = [*_of_trips(trips, refused), *of_transfers(request, references), *of_samples(request, references)]
     figures += [*_of_labelled(request.scans), *_of_times(request)]
     return Measurement(tuple(figures), _inputs(request.scans))
 

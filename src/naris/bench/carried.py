@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.anatomy.distance import signed_distance
+from naris.anatomy.shape_model import build_shape_model
 from naris.anatomy.transfer import Transfer, transfer_regions, virtual_references
 from naris.bench import BenchRequest
 from naris.bench.result import Figure
@@ -20,6 +21,7 @@ from naris.core.anatomy import NOWHERE, Anatomy, RegionSet
 REFERENCES, QUICK_REFERENCES = 12, 2
 TARGETS, QUICK_TARGETS = 10, 1
 SAMPLES, QUICK_SAMPLES = 8, 1
+MODELLED = 8  # references that the shape model of the samples is built of
 _OTHER_SEEDS = 1_000_000  # of the targets, apart from those of the round trips
 _ROOM_MM, _BORDER_MM = 1.0, 1.0
 _SPACING_MM = 1.0
@@ -64,14 +66,23 @@ def of_transfers(request: BenchRequest, references: Sequence[Anatomy]) -> list[F
     ]
 
 
-def of_samples(request: BenchRequest) -> list[Figure]:
-    """What a virtual patient costs: the surface with regions, landmarks and passages."""
+def of_samples(request: BenchRequest, references: Sequence[Anatomy]) -> list[Figure]:
+    """What a virtual patient costs, with regions, landmarks and passages: from a shape model, and from parameters."""
     count = _count(request, SAMPLES, QUICK_SAMPLES)
-    built_in_nose()  # compiles what there is to compile
+    model = build_shape_model(built_in_nose(), references[-MODELLED:], request.progress)
+    model.patient(request.seed, count)  # compiles what there is to compile
+    from_model, from_parameters = (_cpu_s(draw, request.seed, count) for draw in (model.patient, virtual_patient))
+    return [
+        Figure("anatomy.sample.cpu_s", from_model, "CPU-s", count, "lower", 2.0),
+        Figure("anatomy.sample.parametric_cpu_s", from_parameters, "CPU-s", count, "lower"),
+    ]
+
+
+def _cpu_s(draw: Callable[[int, int], Anatomy], seed: int, count: int) -> float:
     begun = time.process_time()
-    for _ in _noses(request, count):
-        pass
-    return [Figure("anatomy.sample.cpu_s", (time.process_time() - begun) / count, "CPU-s", count, "lower", 2.0)]
+    for number in range(count):
+        draw(seed, number)
+    return (time.process_time() - begun) / count
 
 
 def references_of(request: BenchRequest) -> Sequence[Anatomy]:

@@ -66,7 +66,7 @@ def run(options: Options, console: Console) -> int:
         save_anatomy(made.anatomy, options.out)
         write_segments(airway, options.out / SEGMENTATION)
         data = _describe(made, airway, (*scan.findings, *made.findings), options.out)
-        _write_picture(made, data, options.out)
+        _write_picture(made, airway, data, options.out)
         advance(1)
     console.answer(data, _text(data))
     return 0
@@ -110,7 +110,7 @@ def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...
     }
 
 
-def _write_picture(made: ScannedAnatomy, data: dict[str, Any], folder: Path) -> None:
+def _write_picture(made: ScannedAnatomy, airway: Airway, data: dict[str, Any], folder: Path) -> None:
     from naris.core.atomic import write_text
     from naris.report.anatomy_page import anatomy_page
 
@@ -120,7 +120,7 @@ def _write_picture(made: ScannedAnatomy, data: dict[str, Any], folder: Path) -> 
         "surface": f"{data['faces']:,} faces, closed, genus {data['genus']}",
         "to know": "; ".join(one["text"] for one in data["findings"]) or "nothing unusual was noticed",
     }
-    write_text(folder / PICTURE, anatomy_page(made.anatomy, made.anatomy.region_set().name, facts))
+    write_text(folder / PICTURE, anatomy_page(made.anatomy, made.anatomy.region_set().name, facts, airway.block))
 
 
 def _text(data: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Make virtual patients: noses whose parameters are drawn from the normal ranges, each an anatomy like any other."""
+"""Make virtual patients, each an anatomy like any other: from the normal ranges of a nose, or from a shape model."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
     from naris.core.anatomy import Anatomy
@@ -27,20 +28,26 @@ class Options:
     """How many there shall be; those that are there already are kept."""
     seed: int = 0
     """Of the population. A patient depends on it and on its number alone."""
+    model: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
+    """A shape model (naris anatomy shape-model) to draw from, which is quicker; when not given, the parameters of the
+    built-in nose are drawn from their normal ranges."""
 
 
 def run(options: Options, console: Console) -> int:
     """Makes the patients that are not there yet."""
     from naris.anatomy.builtin.variation import virtual_patient
     from naris.anatomy.folder import DESCRIPTION, save_anatomy
+    from naris.anatomy.shape_model import load_shape_model
 
-    _claim(options)
+    model = None if options.model is None else load_shape_model(options.model)
+    draw = virtual_patient if model is None else model.patient
+    _claim(options, "normal ranges" if model is None else f"shape model of mean {model.mean.digest[:16]}")
     made: list[dict[str, Any]] = []
     with console.progress.task("virtual patients", options.count) as advance:
         for number in range(options.count):
             folder = options.out / f"{number:04d}"
             if not (folder / DESCRIPTION).is_file():
-                nose = virtual_patient(options.seed, number)
+                nose = draw(options.seed, number)
                 save_anatomy(nose, folder)
                 made.append({"folder": folder, **_told(nose)})
             advance(1)
@@ -56,7 +63,7 @@ def interrupted(options: Options) -> str:
     return f"the patients made so far are in {options.out}; the same command goes on from there"
 
 
-def _claim(options: Options) -> None:
+def _claim(options: Options, drawn_from: str) -> None:
     """See that the folder is this population's, or make it so."""
     import json
 
@@ -66,19 +73,25 @@ def _claim(options: Options) -> None:
     out, path = options.out, options.out / PATIENTS
     if out.exists() and not out.is_dir():
         raise InputError(f"a folder at {out}", "a file", "give another path")
+    wanted = {"seed": options.seed, "drawn_from": drawn_from}
     if path.is_file():
         try:
-            seed = json.loads(path.read_text(encoding="utf-8"))["seed"]
+            content = json.loads(path.read_text(encoding="utf-8"))
+            known = {name: content[name] for name in wanted}
         except (ValueError, LookupError, TypeError):
-            seed = None
-        if seed != options.seed:
+            known = {}
+        if known != wanted:
             raise ConfigurationChanged(
-                f"virtual patients of seed {options.seed} in {out}", f"seed {seed}", "give another folder or seed"
+                f"virtual patients of {_words(wanted)} in {out}", _words(known), "give another folder"
             )
         return
     if out.exists() and any(not one.name.startswith(".") for one in out.iterdir()):
         raise InputError(f"a new or empty folder, or one with {PATIENTS}", f"other files in {out}", "give another path")
-    write_json(path, {"schema": SCHEMA, "seed": options.seed})
+    write_json(path, {"schema": SCHEMA, **wanted})
+
+
+def _words(population: dict[str, Any]) -> str:
+    return f"seed {population['seed']} from the {population['drawn_from']}" if population else "something else"
 
 
 def _told(nose: Anatomy) -> dict[str, Any]:

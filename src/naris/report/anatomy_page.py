@@ -1,23 +1,26 @@
-"""One anatomy as a page of its own: its picture from three sides, its regions and passages, and what is known of it."""
+"""One anatomy as a page: from three sides, cut in three planes, down its passages, and what is known of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import resources
 
+from naris.airway.block import Block
 from naris.core.anatomy import Anatomy
 from naris.report.anatomy_figure import anatomy_caption, anatomy_figure
+from naris.report.anatomy_sheet import sheet
 from naris.report.data import AnatomyView
 from naris.report.markup import Markup, element, figure, table
 
 
-def anatomy_page(anatomy: Anatomy, region_set: str, facts: Mapping[str, str]) -> str:
+def anatomy_page(anatomy: Anatomy, region_set: str, facts: Mapping[str, str], scan: Block | None = None) -> str:
     """A self-contained HTML document.
 
     Args:
         anatomy: with its passages, in mm.
         region_set: the name of the set whose regions are drawn in colour.
         facts: what else to say, each under a short label.
+        scan: the CT that it was found in, to be seen behind the cuts.
 
     Raises:
         RegionError: if the anatomy has no such region set.
@@ -33,6 +36,7 @@ def anatomy_page(anatomy: Anatomy, region_set: str, facts: Mapping[str, str]) ->
         element("header", element("h1", anatomy.name)),
         element("section", figure(anatomy_figure(view), anatomy_caption(view), "wide")),
         element("section", table(["", ""], [[label, said] for label, said in facts.items()])),
+        sheet(anatomy, view.regions, scan),
         element("section", table(["passage", "length", "from its middle to the wall"], passages)) if passages else None,
     )
     head = element(

@@ -1,0 +1,85 @@
+"""An anatomy whose vertices went elsewhere, with everything that is known in it carried along."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+
+from naris.anatomy.centreline import STEP_MM, resample
+from naris.anatomy.triangles import index_triangles
+from naris.core.anatomy import Anatomy, GridRegions, Passage, RegionSet
+from naris.errors import PoseError
+
+NEAREST = 8
+_LEAST_MM = 0.1
+_MARGIN_NODES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Mover:
+    """Moves points as the nearest vertices go, the nearer the more (inverse squared distances; D. Shepard 1968).
+
+    Attributes:
+        tree: of the vertices where they begin.
+        shift_mm: (V, 3) where each goes, seen from there.
+    """
+
+    tree: cKDTree
+    shift_mm: Float[np.ndarray, "v 3"]
+
+    @staticmethod
+    def between(begin_mm: Float[np.ndarray, "v 3"], end_mm: Float[np.ndarray, "v 3"]) -> Mover:
+        return Mover(cKDTree(begin_mm), end_mm - begin_mm)
+
+    def __call__(self, points_mm: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        """Where points (..., 3) go."""
+        points = np.asarray(points_mm, dtype=np.float64)
+        flat = points.reshape(-1, 3)
+        far, nearest = self.tree.query(flat, k=NEAREST)
+        weight = np.maximum(far, _LEAST_MM) ** -2
+        shift = np.einsum("nk,nkj->nj", weight / weight.sum(axis=1, keepdims=True), self.shift_mm[nearest])
+        return (flat + shift).reshape(points.shape)
+
+
+def carried_along(anatomy: Anatomy, vertices_mm: Float[np.ndarray, "v 3"], name: str, source: str) -> Anatomy:
+    """The anatomy with its vertices there; landmarks, passages and grids of regions go with them, slabs stay.
+
+    Raises:
+        PoseError: if a passage would leave the lumen: the vertices have passed through each other.
+    """
+    there = Mover.between(anatomy.vertices_mm, vertices_mm)
+    back = Mover.between(vertices_mm, anatomy.vertices_mm)
+    index = index_triangles(vertices_mm, anatomy.faces)
+    passages = []
+    for passage in anatomy.passages:
+        points = resample(there(passage.points_mm), STEP_MM)
+        if not (index.winding(points) >= 1).all():
+            raise PoseError(f"the passage {passage.name} inside the lumen", "points of it in the wall", "move it less")
+        passages.append(Passage(passage.name, points, index.closest(points).distance_mm))
+    return Anatomy(
+        vertices_mm,
+        anatomy.faces,
+        anatomy.frame,
+        name,
+        source,
+        regions={key: _carried(regions, back, vertices_mm) for key, regions in anatomy.regions.items()},
+        passages=tuple(passages),
+        landmarks_mm={key: there(point[None])[0] for key, point in anatomy.landmarks_mm.items()},
+        airspace=anatomy.airspace,
+    )
+
+
+def _carried(regions: RegionSet, back: Mover, vertices_mm: Float[np.ndarray, "v 3"]) -> RegionSet:
+    """A grid of labels at the new place: each node has the label of where it came from."""
+    if not isinstance(regions, GridRegions):
+        return regions
+    step = regions.spacing_mm
+    low = np.floor(vertices_mm.min(axis=0) / step) - _MARGIN_NODES
+    count = np.ceil(vertices_mm.max(axis=0) / step) + _MARGIN_NODES - low + 1
+    axes = [step * (low[k] + np.arange(int(count[k]))) for k in range(3)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    labels = regions.label(back(nodes)).astype(np.int8)
+    return GridRegions(regions.name, regions.names, regions.frame, labels, step * low, step)

@@ -1,0 +1,94 @@
+"""Build a shape model: a mean nose and the ways in which noses differ from it, to draw virtual patients from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from naris.cli.console import Console
+from naris.cli.options import IfGiven, refuse
+
+if TYPE_CHECKING:
+    from naris.anatomy.shape_model import ShapeModel
+
+_VIRTUAL = 24
+
+
+@dataclass(frozen=True)
+class Options:
+    """Of whom, and where to."""
+
+    patients: Annotated[
+        tyro.conf.Positional[tuple[str, ...]], tyro.conf.arg(metavar="ANATOMY", help_behavior_hint="(optional)")
+    ] = ()
+    """Anatomies of patients, such as folders of naris anatomy from-ct or sample; by default virtual noses."""
+    out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = Path("out/shape-model")
+    """Folder for the model: new, empty, or one made by this command."""
+    reference: Annotated[str, tyro.conf.arg(metavar="ANATOMY")] = "builtin"
+    """Whose mesh, regions and passages the model has."""
+    virtual: IfGiven[int] = None
+    """How many virtual noses to build it of; 24 when not given. Not with patients."""
+
+
+def run(options: Options, console: Console) -> int:
+    """Lays the reference on every patient, and keeps the mean and the modes."""
+    from naris.anatomy.shape_model import build_shape_model, save_shape_model
+    from naris.anatomy.transfer import virtual_references
+    from naris.cli.anatomies import open_anatomy
+
+    _check_folder(options.out)
+    reference, _ = open_anatomy(options.reference)
+    if options.patients:
+        refuse(options, ("virtual",), "without patients", f"{len(options.patients)} of them")
+        patients = [open_anatomy(one)[0] for one in options.patients]
+    else:
+        count, patients = options.virtual or _VIRTUAL, []
+        with console.progress.task("virtual noses", count) as advance:
+            for number, nose in enumerate(virtual_references(count + 1)):
+                if number:  # the first is the built-in nose itself
+                    patients.append(nose)
+                    advance(1)
+    model = build_shape_model(reference, patients, console.progress)
+    save_shape_model(model, options.out)
+    data = _describe(model, options.out)
+    console.answer(data, _text(data))
+    return 0
+
+
+def interrupted(options: Options) -> str:
+    """What a user who stopped it should know."""
+    return "nothing was kept; run the same command again"
+
+
+def _check_folder(folder: Path) -> None:
+    from naris.anatomy.shape_model import DESCRIPTION
+    from naris.errors import InputError
+
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"a folder at {folder}", "a file", "give another path")
+    others = folder.exists() and any(not one.name.startswith(".") for one in folder.iterdir())
+    if others and not (folder / DESCRIPTION).is_file():
+        raise InputError("a new or empty folder, or one with a shape model", f"other files in {folder}", "give another")
+
+
+def _describe(model: ShapeModel, folder: Path) -> dict[str, Any]:
+    return {
+        "patients": model.patients,
+        "modes": len(model.share),
+        "share": [round(float(one), 4) for one in model.share],
+        "residual_mm": round(model.residual_mm, 3),
+        "mean_digest": model.mean.digest,
+        "folder": folder,
+    }
+
+
+def _text(data: dict[str, Any]) -> str:
+    first = ", ".join(f"{100 * one:.0f} %" for one in data["share"][:4])
+    return (
+        f"{data['modes']} modes of {data['patients']} noses, the first of them {first} of the variance\n"
+        f"the mean lies {data['residual_mm']:.2f} mm from the patients' surfaces where it was laid on them\n"
+        f"kept in {data['folder']}; naris anatomy sample --model {data['folder']} draws patients from it"
+    )

@@ -1,0 +1,80 @@
+"""A shape model of a family of tubes that is known: its mean, its one mode, what is drawn, and what is on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from naris.anatomy.shape_model import (
+    DESCRIPTION,
+    MODES,
+    ShapeModel,
+    build_shape_model,
+    load_shape_model,
+    save_shape_model,
+)
+from naris.core.anatomy import Anatomy
+from naris.errors import InputError
+from tests.anatomy.test_correspondence import marked_tube, moved
+from tests.winding_tube import RADIUS_MM
+
+
+def wide(scale: float) -> Anatomy:
+    """The tube, wider across x, turned in its scanner and far away."""
+    turn = np.array([[np.cos(0.1), -np.sin(0.1), 0], [np.sin(0.1), np.cos(0.1), 0], [0, 0, 1.0]])
+    return moved(marked_tube(), lambda points: points * [scale, 1, 1] @ turn.T + [30.0, -20, 5])
+
+
+@pytest.fixture(scope="module")
+def model() -> ShapeModel:
+    return build_shape_model(marked_tube(), [wide(scale) for scale in (0.7, 0.85, 1.15, 1.3)])
+
+
+def test_one_way_to_differ_is_one_mode(model: ShapeModel) -> None:
+    assert model.patients == 5
+    assert model.share[0] > 0.85
+    assert model.residual_mm < 0.5
+    middle = np.ptp(model.mean.vertices_mm[:, 2])
+    assert middle == pytest.approx(np.ptp(marked_tube().vertices_mm[:, 2]), rel=0.03)
+    # At one standard deviation (0.24 of the width) the tube is that much wider across x, and no longer.
+    moved_mm = np.abs(model.modes_mm[0]).max(axis=0)
+    assert moved_mm[0] == pytest.approx(0.24 * (RADIUS_MM + 2), rel=0.35)
+    assert moved_mm[1] < 0.4 * moved_mm[0]
+
+
+def test_patients_are_of_the_family_and_the_same_again(model: ShapeModel) -> None:
+    first, again, other = model.patient(3, 0), model.patient(3, 0), model.patient(3, 1)
+    assert first.digest == again.digest != other.digest
+    assert np.array_equal(first.faces, marked_tube().faces)
+    assert first.passages[0].clearance_mm.min() > 2
+    assert set(first.landmarks_mm) == set(marked_tube().landmarks_mm)
+    assert "shape model of 5 patients" in first.source
+
+
+def test_a_model_on_disk_is_the_same(model: ShapeModel, tmp_path: Path) -> None:
+    save_shape_model(model, tmp_path / "model")
+    read = load_shape_model(tmp_path / "model")
+    assert read.mean.digest == model.mean.digest
+    assert np.array_equal(read.modes_mm, model.modes_mm)
+    assert read.patient(1, 2).digest == model.patient(1, 2).digest
+
+
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [(DESCRIPTION, b"{}"), (DESCRIPTION, b"no JSON"), (MODES, b"no archive"), (MODES, None), (DESCRIPTION, None)],
+)
+def test_a_damaged_one_is_refused(model: ShapeModel, tmp_path: Path, file: str, content: bytes | None) -> None:
+    save_shape_model(model, tmp_path)
+    if content is None:
+        (tmp_path / file).unlink()
+    else:
+        (tmp_path / file).write_bytes(content)
+    with pytest.raises(InputError, match=r"a (whole )?shape model"):
+        load_shape_model(tmp_path)
+
+
+def test_too_few_are_refused() -> None:
+    with pytest.raises(InputError, match="2 patients or more"):
+        build_shape_model(marked_tube(), [wide(1.1)])
