@@ -110,9 +110,8 @@ def _row(down: Down) -> Markup:
     ]
     return element(
         "div",
-        element("h4", down.passage),
+        element("div", element("h4", down.passage), element("p", " · ".join(down.captions), class_="small")),
         element("div", shown, class_="strip"),
-        element("p", " · ".join(down.captions), class_="small"),
         class_="views",
     )
 
