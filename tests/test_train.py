@@ -25,7 +25,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
 from naris.dataset.layout import RegionLabels
 from naris.dataset.stream import Batch
-from naris.errors import CheckpointError, ConfigurationChanged, DatasetError, InputError
+from naris.errors import CheckpointError, ConfigurationChanged, DatasetError, InputError, RegionError
 from naris.locate import views_of
 from naris.model.checkpoint import Subject, load_checkpoint
 from naris.model.compact import CompactConfig
@@ -76,6 +76,7 @@ class _BarStream:
         faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype=np.int32)
         self.anatomy = Anatomy(corners, faces, "mean", "bar", "test")
         self.asked: list[int] = []
+        self.avoid: Pose | None = None
 
     def batch(self, index: int, size: int) -> Batch:
         self.asked.append(index)
@@ -459,7 +460,7 @@ def test_no_view_is_turned_to_be_near_one_that_stays_unseen() -> None:
     )
 
     def lesson(avoid: Pose | None) -> Lesson:
-        stream.avoid = avoid  # type: ignore[attr-defined]
+        stream.avoid = avoid
         return StreamLessons(stream, config).lesson(0)
 
     unseen = Pose.look(np.zeros((1, 3)), np.array([[0, 1.0, 0]]), np.array([0, 0, 1.0]), "mean")
@@ -471,6 +472,26 @@ def test_no_view_is_turned_to_be_near_one_that_stays_unseen() -> None:
     assert np.array_equal(kept.pose[~near], free.pose[~near])
     assert np.array_equal(kept.images[~near], free.images[~near])
     assert not np.array_equal(kept.images[near], free.images[near])
+
+
+def test_temperature_and_power_are_those_of_a_steered_camera(tmp_path: Path) -> None:
+    """Of the steered views all labels are wrong, so the network's word counts for little; without them it counts."""
+
+    class Wrong(_BarStream):
+        def steered(self, positions: int, per_position: int) -> Batch:
+            views = _views(positions * per_position, 999)
+            return replace(views, region=(views.region + 1) % 3)
+
+    class None_(_BarStream):
+        def steered(self, positions: int, per_position: int) -> Batch:
+            raise RegionError("a way", "none", "widen it")
+
+    config = COMPACT_AT_WILL.lasting(steps=40).with_(network=TINY, batch=16, precision="float32", threads=1)
+    wrong, without = (
+        load_checkpoint(train(stream, config, tmp_path / name).checkpoint).calibration
+        for name, stream in (("wrong", Wrong()), ("without", None_()))
+    )
+    assert wrong.temperature > 2 * without.temperature
 
 
 def test_a_stream_is_rendered_once_and_forgotten() -> None:

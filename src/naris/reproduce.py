@@ -115,8 +115,9 @@ def reproduce(
         sets = make_sets(setting, out / PICTURES, progress)
     journal.note(PICTURES, f"{len(sets.train)} to train and {sum(map(len, sets.tests.values()))} to test")
     faithful = repeats_the_published(anatomy, texture, config)
-    planned = plans(config, len(sets.train), faithful, known=knows(setting.regions))
-    contenders = _train(setting, sets, planned, out, journal, progress)
+    known = knows(setting.regions)
+    planned = plans(config, len(sets.train), faithful, known)
+    contenders = _train(setting, sets, planned, known, out, journal, progress)
     telling = _telling(anatomy, texture, command, faithful)
     with journal.stage(EVALUATE):
         networks = [_scored(contender, sets, progress) for contender in contenders]
@@ -152,7 +153,13 @@ def _results_in(config: ReproduceConfig) -> dict[str, object]:
 
 
 def _train(
-    setting: Setting, sets: Sets, planned: tuple[Plan, Plan, Plan], out: Path, journal: Journal, progress: Progress
+    setting: Setting,
+    sets: Sets,
+    planned: tuple[Plan, Plan, Plan],
+    known: bool,
+    out: Path,
+    journal: Journal,
+    progress: Progress,
 ) -> list[Contender]:
     two_layer, compact, at_will = planned
     size_px = at_will.config.network.input_px
@@ -165,7 +172,7 @@ def _train(
         setting.seed,
         ONE_SCOPE,
     ).away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
-    if at_will.config.name == COMPACT_ON.name:
+    if known:
         at_will = replace(at_will, start=start_for(stream))
     return [
         from_pictures(two_layer, sets.train, out, journal, progress),

@@ -63,12 +63,20 @@ def test_a_model_on_disk_is_the_same(model: ShapeModel, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("file", "content"),
-    [(DESCRIPTION, b"{}"), (DESCRIPTION, b"no JSON"), (MODES, b"no archive"), (MODES, None), (DESCRIPTION, None)],
+    [
+        *((DESCRIPTION, b"{}"), (DESCRIPTION, b"no JSON"), (DESCRIPTION, None)),
+        *((MODES, b"no archive"), (MODES, None), (MODES, b"flip")),
+    ],
 )
 def test_a_damaged_one_is_refused(model: ShapeModel, tmp_path: Path, file: str, content: bytes | None) -> None:
     save_shape_model(model, tmp_path)
     if content is None:
         (tmp_path / file).unlink()
+    elif content == b"flip":
+        stored = bytearray((tmp_path / file).read_bytes())
+        for place in range(len(stored) // 3, len(stored) // 2, 997):
+            stored[place] ^= 0xFF
+        (tmp_path / file).write_bytes(stored)
     else:
         (tmp_path / file).write_bytes(content)
     with pytest.raises(InputError, match=r"a (whole )?shape model"):

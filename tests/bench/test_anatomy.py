@@ -21,6 +21,7 @@ from naris.bench.anatomy import (
     dice,
     measure,
 )
+from naris.bench.carried import of_samples, of_transfers, references_of
 from naris.core.anatomy import Anatomy
 from naris.core.volume import Volume
 from naris.errors import ScanError
@@ -110,3 +111,14 @@ def test_expert_labels_of_a_real_scan_are_met(shared_data: Path) -> None:
     assert values["left_dice"] > 0.83
     assert values["surface_mm"] < 0.6
     assert values["sinuses_left_out"] > 0.98
+
+
+@pytest.mark.slow
+def test_regions_carried_between_noses_and_what_a_patient_costs() -> None:
+    """One target, two references: the very functions of the whole benchmark."""
+    request = BenchRequest(quick=True)
+    references = references_of(request)
+    figures = {one.name: one for one in (*of_transfers(request, references), *of_samples(request, references))}
+    assert figures["anatomy.transfer.region_accuracy"].value > 0.75
+    assert figures["anatomy.transfer.region_accuracy_off_borders"].value > 0.8
+    assert figures["anatomy.sample.cpu_s"].value > 0

@@ -19,7 +19,8 @@ def carried(off_mm: float) -> Transfer:
     nodes = ORIGIN_MM + np.stack(np.meshgrid(*[np.arange(n) for n in SHAPE], indexing="ij"), axis=-1)
     labels = SLABS.label(nodes - [0, off_mm, 0]).astype(np.int8)
     regions = GridRegions("slabs", SLABS.names, "LPS", labels, ORIGIN_MM, 1.0)
-    return Transfer(regions, np.full(SHAPE, 0.9, np.float32), 0.9, (Fit("itself", 0.0, 0.0, 1.0),))
+    sure, lumen = np.full(SHAPE, 0.9, np.float32), np.ones(SHAPE, dtype=bool)
+    return Transfer(regions, sure, lumen, 0.9, (Fit("itself", 0.0, 0.0, 1.0),))
 
 
 def test_the_truth_is_right_everywhere_away_from_borders() -> None:

@@ -12,6 +12,7 @@ from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.cli import main
 from naris.core.anatomy import SlabRegions
 from tests.anatomy.test_correspondence import bent, marked_tube, moved
+from tests.anatomy.test_transfer import OTHERS
 from tests.winding_tube import SLABS
 
 
@@ -23,9 +24,9 @@ def bare(tmp_path: Path) -> Path:
     return folder
 
 
-def reference(tmp_path: Path, scale: float = 1.0) -> Path:
-    folder = tmp_path / f"reference {scale}"
-    save_anatomy(moved(marked_tube(), lambda points: scale * bent(points)).with_(regions={"slabs": SLABS}), folder)
+def reference(tmp_path: Path) -> Path:
+    folder = tmp_path / "reference"
+    save_anatomy(moved(marked_tube(), bent).with_(regions={"slabs": SLABS}), folder)
     return folder
 
 
@@ -44,15 +45,23 @@ def test_regions_are_carried_and_kept_first(bare: Path, tmp_path: Path, capfd: p
     assert (kept.region_set().label(line) == SLABS.label(line))[away].all()
 
 
-def test_a_reference_that_lies_far_off_is_no_use(
-    bare: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_references_that_contradict_each_other_are_an_honest_no(
+    bare: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("naris.anatomy.transfer.FITS_MM", 0.001)
     out = tmp_path / "nothing"
-    words = ["anatomy", "transfer", str(bare), "-o", str(out), "--reference", str(reference(tmp_path)), "--quiet"]
-    assert main(words) == 1
+    for name, slabs in (("one", SLABS), ("other", OTHERS)):
+        save_anatomy(moved(marked_tube(), bent).with_(regions={"slabs": slabs}), tmp_path / name)
+    references = ["--reference", str(tmp_path / "one"), str(tmp_path / "other")]
+    assert main(["anatomy", "transfer", str(bare), "-o", str(out), *references, "--quiet"]) == 1
     assert "nothing was kept" in capfd.readouterr().out
     assert not out.exists()
+
+
+def test_what_cannot_be_laid_is_refused_before_any_work(
+    tube: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["anatomy", "transfer", str(tube), "-o", str(tmp_path / "out"), "--quiet"]) == 2
+    assert "landmarks" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from naris.dataset.stream import MANY_SCOPES, Scopes, SeveralStreams, ViewStream
 from naris.errors import InputError
 from naris.render.appearance import PAPER, TRAINING_APPEARANCE
 from naris.render.keyframes import UP
+from naris.render.near import neighbours
 from naris.render.scene import Scene, render
 from naris.render.viewpoints import INSPECTION, draw_views
 from tests.winding_tube import SLABS, winding_tube
@@ -86,8 +87,10 @@ def test_a_steered_camera_keeps_to_the_way_and_away_from_the_unseen(stream) -> N
 
     assert off_mm(seen.anatomy_T_camera) < 0.7 * off_mm(stream.batch(0, 64).anatomy_T_camera)
     unseen = seen.anatomy_T_camera[:3]
-    fewer = stream.away_from(unseen).steered(12, 3).anatomy_T_camera
-    assert 0 < len(fewer.matrix) <= len(seen) - 3
+    assert neighbours(unseen, seen.anatomy_T_camera).sum() >= 3
+    away = stream.away_from(unseen).steered(12, 3)
+    assert not neighbours(unseen, away.anatomy_T_camera).any()
+    assert np.bincount(away.region).tolist() == [9, 9, 9, 9]
     both = SeveralStreams((stream, replace(stream, seed=8))).steered(12, 3)
     assert len(both) == 2 * 6 * 3
 

@@ -16,6 +16,7 @@ from naris.errors import PoseError
 NEAREST = 8
 _LEAST_MM = 0.1
 _MARGIN_NODES = 3
+_SPACING_MM = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Mover:
 
 
 def carried_along(anatomy: Anatomy, vertices_mm: Float[np.ndarray, "v 3"], name: str, source: str) -> Anatomy:
-    """The anatomy with its vertices there; landmarks, passages and grids of regions go with them, slabs stay.
+    """The anatomy with its vertices there; landmarks, passages and regions go with them (slabs become a grid).
 
     Raises:
         PoseError: if a passage would leave the lumen: the vertices have passed through each other.
@@ -72,11 +73,9 @@ def carried_along(anatomy: Anatomy, vertices_mm: Float[np.ndarray, "v 3"], name:
     )
 
 
-def _carried(regions: RegionSet, back: Mover, vertices_mm: Float[np.ndarray, "v 3"]) -> RegionSet:
+def _carried(regions: RegionSet, back: Mover, vertices_mm: Float[np.ndarray, "v 3"]) -> GridRegions:
     """A grid of labels at the new place: each node has the label of where it came from."""
-    if not isinstance(regions, GridRegions):
-        return regions
-    step = regions.spacing_mm
+    step = regions.spacing_mm if isinstance(regions, GridRegions) else _SPACING_MM
     low = np.floor(vertices_mm.min(axis=0) / step) - _MARGIN_NODES
     count = np.ceil(vertices_mm.max(axis=0) / step) + _MARGIN_NODES - low + 1
     axes = [step * (low[k] + np.arange(int(count[k]))) for k in range(3)]

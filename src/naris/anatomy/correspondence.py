@@ -8,13 +8,13 @@ has them), from coarse to fine. Anatomies whose vertices correspond need neither
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Float32
 from scipy.ndimage import map_coordinates
-from scipy.spatial import cKDTree
 
+from naris.anatomy.carry import Mover
 from naris.anatomy.distance import SignedDistance, signed_distance
 from naris.core.anatomy import Anatomy, Between
 from naris.errors import InputError
@@ -30,7 +30,6 @@ _AFFINE_POINTS, _AFFINE_STEPS = 6000, 40
 _NEAR_MM, _FAR_MM = 4.0, 8.0  # beyond, the distance to a wall says nothing about where a point belongs
 _LEVELS = ((4, 100), (2, 100))  # every which node, iterations
 _SMOOTH_NODES = 1.5
-_NEAREST = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,36 +65,56 @@ def correspond(target: Anatomy, reference: Anatomy) -> Correspondence:
             lies between walls that its surface encloses, so that its distances have no closed surface.
     """
     for one in (target, reference):
-        if isinstance(one.airspace, Between):
-            raise InputError("anatomies whose surface encloses the air", f"{one.name}", "give a closed airway")
+        _check_closed(one)
     if target.faces.shape == reference.faces.shape and np.array_equal(target.faces, reference.faces):
-        return _of_vertices(target, reference)
-    marks = [name for name in LANDMARKS if name in target.landmarks_mm and name in reference.landmarks_mm]
+        of_target, of_reference = (signed_distance(one, _SPACING_MM) for one in (target, reference))
+        origin, nodes = _nodes(of_target)
+        shift = (Mover.between(target.vertices_mm, reference.vertices_mm)(nodes) - nodes).astype(np.float32)
+        return _measured(np.eye(4), shift, origin, target, of_reference)
+    marks = _marks(target, reference)
+    of_target, of_reference = (signed_distance(one, _SPACING_MM) for one in (target, reference))
+    at, to = (np.stack([one.landmarks_mm[name] for name in marks]) for one in (target, reference))
+    affine = _refined(_begun(at, to), of_target, of_reference)
+    shift, origin = _displaced(affine, of_target, of_reference)
+    return _measured(affine, shift, origin, target, of_reference)
+
+
+def check_laid(anatomy: Anatomy) -> None:
+    """See that an anatomy can be laid on others, or others on it, before work is spent on it.
+
+    Raises:
+        InputError: if its air lies between walls that the surface encloses, or it has not enough landmarks.
+    """
+    _check_closed(anatomy)
+    _marks(anatomy, anatomy)
+
+
+def _check_closed(anatomy: Anatomy) -> None:
+    if isinstance(anatomy.airspace, Between):
+        raise InputError("an anatomy whose surface encloses the air", f"{anatomy.name}", "give a closed airway")
+
+
+def _marks(one: Anatomy, other: Anatomy) -> list[str]:
+    """The landmarks that both have."""
+    marks = [name for name in LANDMARKS if name in one.landmarks_mm and name in other.landmarks_mm]
     if len(marks) < _FEWEST_MARKS:
         raise InputError(
             f"{_FEWEST_MARKS} or more of the landmarks {', '.join(LANDMARKS)} in both anatomies",
             f"{', '.join(marks) or 'none'}",
             "give anatomies from a scan (naris anatomy from-ct) or built-in ones",
         )
-    of_target, of_reference = (signed_distance(one, _SPACING_MM) for one in (target, reference))
-    at, to = (np.stack([one.landmarks_mm[name] for name in marks]) for one in (target, reference))
-    affine = _refined(_begun(at, to), of_target, of_reference)
-    shift, origin = _displaced(affine, of_target, of_reference)
-    rough = Correspondence(affine, shift, origin, _SPACING_MM, np.zeros(len(target.vertices_mm)))
-    residual = np.abs(of_reference(rough(target.vertices_mm)))
-    return Correspondence(affine, shift, origin, _SPACING_MM, residual)
+    return marks
 
 
-def _of_vertices(target: Anatomy, reference: Anatomy) -> Correspondence:
-    """Each node moves as the nearest vertices do, the nearer the more."""
-    distance = signed_distance(target, _SPACING_MM)
-    origin, nodes = _nodes(distance)
-    far, nearest = cKDTree(target.vertices_mm).query(nodes.reshape(-1, 3), k=_NEAREST)
-    weight = 1 / np.maximum(far, 0.1) ** 2
-    moved = (reference.vertices_mm - target.vertices_mm)[nearest]
-    shift = (weight[..., None] * moved).sum(axis=1) / weight.sum(axis=1, keepdims=True)
-    shift = shift.reshape(nodes.shape).astype(np.float32)
-    return Correspondence(np.eye(4), shift, origin, _SPACING_MM, np.zeros(len(target.vertices_mm)))
+def _measured(
+    affine: Float[np.ndarray, "4 4"],
+    shift_mm: Float32[np.ndarray, "nx ny nz 3"],
+    origin_mm: Float[np.ndarray, "3"],
+    target: Anatomy,
+    reference: SignedDistance,
+) -> Correspondence:
+    unmeasured = Correspondence(affine, shift_mm, origin_mm, _SPACING_MM, np.zeros(len(target.vertices_mm)))
+    return replace(unmeasured, residual_mm=np.abs(reference(unmeasured(target.vertices_mm))))
 
 
 def _begun(at_mm: Float[np.ndarray, "k 3"], to_mm: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "4 4"]:

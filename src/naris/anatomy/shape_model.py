@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -179,5 +180,8 @@ def load_shape_model(folder: Path) -> ShapeModel:
         if told["mean_digest"] != mean.digest:
             raise ValueError("modes of another mean")
         return ShapeModel(mean, modes.astype(np.float32), share, int(told["patients"]), float(told["residual_mm"]))
-    except (OSError, ValueError, LookupError, TypeError, zipfile.BadZipFile) as error:
+    except (
+        *(OSError, EOFError, ValueError, OverflowError, LookupError, TypeError),
+        *(zipfile.BadZipFile, zlib.error),
+    ) as error:
         raise InputError(f"a whole shape model in {folder}", f"{error}", "make it again") from error

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
 from naris.anatomy.builtin import NoseParameters, built_in_nose
@@ -59,12 +59,14 @@ class Transfer:
     Attributes:
         regions: in the frame of the target, in its lumen and a little beyond.
         sure: (nx, ny, nz) on the grid of the regions: the share of the votes that the region got, 0 where none is.
+        lumen: which nodes of that grid lie in the lumen.
         likely: mean share where a camera has room: how much of the lumen is expected to have its right region.
         fits: of the references.
     """
 
     regions: GridRegions
     sure: Float32[np.ndarray, "nx ny nz"]
+    lumen: Bool[np.ndarray, "nx ny nz"]
     likely: float
     fits: tuple[Fit, ...]
 
@@ -130,6 +132,7 @@ def transfer_regions(
     return Transfer(
         made,
         sure,
+        distance.values_mm > 0,
         float(share[roomy].max(axis=1).mean()) if roomy.any() else 0.0,
         tuple(Fit(name, mean, p95, weight / in_all) for name, mean, p95, weight in fits),
     )

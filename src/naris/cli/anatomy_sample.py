@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 PATIENTS = "patients.json"
 SCHEMA = "naris.patients/1"
+SOME_MISSING = 1
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -38,24 +41,32 @@ def run(options: Options, console: Console) -> int:
     from naris.anatomy.builtin.variation import virtual_patient
     from naris.anatomy.folder import DESCRIPTION, save_anatomy
     from naris.anatomy.shape_model import load_shape_model
+    from naris.errors import NarisError
 
     model = None if options.model is None else load_shape_model(options.model)
     draw = virtual_patient if model is None else model.patient
     _claim(options, "normal ranges" if model is None else f"shape model of mean {model.mean.digest[:16]}")
     made: list[dict[str, Any]] = []
+    missing: list[int] = []
     with console.progress.task("virtual patients", options.count) as advance:
         for number in range(options.count):
             folder = options.out / f"{number:04d}"
             if not (folder / DESCRIPTION).is_file():
-                nose = draw(options.seed, number)
-                save_anatomy(nose, folder)
-                made.append({"folder": folder, **_told(nose)})
+                try:
+                    nose = draw(options.seed, number)
+                except NarisError as error:
+                    _log.warning("no patient %d: %s", number, error)
+                    missing.append(number)
+                else:
+                    save_anatomy(nose, folder)
+                    made.append({"folder": folder, **_told(nose)})
             advance(1)
-    data = {"seed": options.seed, "count": options.count, "made": made, "folder": options.out}
-    kept = options.count - len(made)
+    data = {"seed": options.seed, "count": options.count, "made": made, "missing": missing, "folder": options.out}
+    kept = options.count - len(made) - len(missing)
     already = f", {kept} were there already" if kept else ""
-    console.answer(data, f"{len(made)} virtual patients made in {options.out}{already}")
-    return 0
+    none = f"; no nose came of {len(missing)} more, which stay missing" if missing else ""
+    console.answer(data, f"{len(made)} virtual patients made in {options.out}{already}{none}")
+    return SOME_MISSING if missing else 0
 
 
 def interrupted(options: Options) -> str:

@@ -35,17 +35,23 @@ class Options:
 
 def run(options: Options, console: Console) -> int:
     """Lays the reference on every patient, and keeps the mean and the modes."""
-    from naris.anatomy.shape_model import build_shape_model, save_shape_model
+    from naris.anatomy.correspondence import check_laid
+    from naris.anatomy.shape_model import FEWEST, build_shape_model, save_shape_model
     from naris.anatomy.transfer import virtual_references
     from naris.cli.anatomies import open_anatomy
+    from naris.errors import InputError
 
     _check_folder(options.out)
     reference, _ = open_anatomy(options.reference)
     if options.patients:
         refuse(options, ("virtual",), "without patients", f"{len(options.patients)} of them")
         patients = [open_anatomy(one)[0] for one in options.patients]
+        for patient in patients:
+            check_laid(patient)
     else:
         count, patients = options.virtual or _VIRTUAL, []
+        if count < FEWEST - 1:
+            raise InputError(f"--virtual {FEWEST - 1} or more", f"{count}", "a model needs some noses to differ")
         with console.progress.task("virtual noses", count) as advance:
             for number, nose in enumerate(virtual_references(count + 1)):
                 if number:  # the first is the built-in nose itself
@@ -60,16 +66,17 @@ def run(options: Options, console: Console) -> int:
 
 def interrupted(options: Options) -> str:
     """What a user who stopped it should know."""
-    return "nothing was kept; run the same command again"
+    return "no whole model was kept; run the same command again"
 
 
 def _check_folder(folder: Path) -> None:
-    from naris.anatomy.shape_model import DESCRIPTION
+    from naris.anatomy.shape_model import DESCRIPTION, MEAN, MODES
     from naris.errors import InputError
 
     if folder.exists() and not folder.is_dir():
         raise InputError(f"a folder at {folder}", "a file", "give another path")
-    others = folder.exists() and any(not one.name.startswith(".") for one in folder.iterdir())
+    known = (DESCRIPTION, MEAN, MODES)  # the first is written last: without it these are of a run that was stopped
+    others = folder.exists() and any(not one.name.startswith(".") and one.name not in known for one in folder.iterdir())
     if others and not (folder / DESCRIPTION).is_file():
         raise InputError("a new or empty folder, or one with a shape model", f"other files in {folder}", "give another")
 
@@ -89,6 +96,6 @@ def _text(data: dict[str, Any]) -> str:
     first = ", ".join(f"{100 * one:.0f} %" for one in data["share"][:4])
     return (
         f"{data['modes']} modes of {data['patients']} noses, the first of them {first} of the variance\n"
-        f"the mean lies {data['residual_mm']:.2f} mm from the patients' surfaces where it was laid on them\n"
+        f"laid on the patients, the reference lies {data['residual_mm']:.2f} mm from their surfaces on average\n"
         f"kept in {data['folder']}; naris anatomy sample --model {data['folder']} draws patients from it"
     )

@@ -38,6 +38,7 @@ class Options:
 
 def run(options: Options, console: Console) -> int:
     """Lays the references on the anatomy and keeps it with its regions; exit status 1 where these are not sure."""
+    from naris.anatomy.correspondence import check_laid
     from naris.anatomy.folder import check_folder, save_anatomy
     from naris.anatomy.transfer import transfer_regions, virtual_references
     from naris.cli.anatomies import open_anatomy
@@ -48,6 +49,7 @@ def run(options: Options, console: Console) -> int:
         refuse(options, ("regions",), "only with --reference", "virtual noses, which have anatomical regions")
     check_folder(options.out)
     target, _ = open_anatomy(options.anatomy)
+    check_laid(target)
     if options.reference:
         references = [open_anatomy(one, options.regions)[0] for one in options.reference]
     else:
@@ -77,7 +79,12 @@ def interrupted(options: Options) -> str:
 
 
 def _describe(target: Anatomy, found: Transfer) -> dict[str, Any]:
-    labels, ml = found.regions.labels, found.regions.spacing_mm**3 / 1000
+    import numpy as np
+
+    from naris.core.anatomy import NOWHERE
+
+    labels = np.where(found.lumen, found.regions.labels, NOWHERE)
+    ml = found.regions.spacing_mm**3 / 1000
     return {
         "anatomy": target.name,
         "usable": found.usable,

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from naris.anatomy.distance import signed_distance
 from naris.core.anatomy import Anatomy, RegionSet
@@ -150,13 +150,17 @@ class ViewStream:
         are in each region; none is near one of `avoid`.
 
         Raises:
-            RegionError: if nobody can steer into one of the regions.
+            RegionError, PoseError: if nobody can steer into one of the regions, or only near the views to avoid.
         """
         rng = np.random.default_rng([self.seed, _STEERED])
-        views = Pilot.in_(self.scene, self.regions, per_position).collect(positions, everything, rng, longest=1)
-        if self.avoid is not None:
-            views = views[~neighbours(self.avoid, views.anatomy_T_camera)]
-        return self._seen(views, rng)
+        pilot = Pilot.in_(self.scene, self.regions, per_position)
+        return self._seen(pilot.collect(positions, self._not_near, rng, longest=1), rng)
+
+    def _not_near(self, views: Viewpoints) -> Bool[np.ndarray, "n"]:
+        """Which views are near none of `avoid`."""
+        if self.avoid is None:
+            return everything(views)
+        return np.asarray(~neighbours(self.avoid, views.anatomy_T_camera))
 
     def _seen(self, views: Viewpoints, rng: np.random.Generator) -> Batch:
         size = len(views)
@@ -228,6 +232,14 @@ class SeveralStreams:
     def intrinsics(self) -> Intrinsics:
         return self.parts[0].intrinsics
 
+    @property
+    def avoid(self) -> Pose | None:
+        """The views that stay unseen, those of all parts together."""
+        given = [part.avoid for part in self.parts if part.avoid is not None]
+        if not given:
+            return None
+        return Pose(np.concatenate([one.matrix for one in given]), given[0].target, given[0].source)
+
     def batch(self, index: int, size: int) -> Batch:
         """Batch number `index` of `size` views, all of anatomy `index` modulo their number.
 
@@ -240,7 +252,7 @@ class SeveralStreams:
         """As a stream's, in each anatomy its share of the positions.
 
         Raises:
-            RegionError: if nobody can steer into one of the regions.
+            RegionError, PoseError: if nobody can steer into one of the regions.
         """
         share = -(-positions // len(self.parts))
         return _joined([part.steered(share, per_position) for part in self.parts])

@@ -21,7 +21,7 @@ from naris.dataset.stream import SeveralStreams, ViewStream, view_stream
 from naris.model.checkpoint import Checkpoint, load_checkpoint
 from naris.render.appearance import TRAINING_APPEARANCE
 from naris.render.scene import Scene
-from naris.render.viewpoints import TRAVEL
+from naris.render.viewpoints import TRAVEL, draw_views
 from naris.train import COMPACT_AT_WILL, COMPACT_DEMO, Replay, TrainConfig, TrainingRun, train
 
 START_WEIGHTS = Path(__file__).parent / "weights" / "noses.safetensors"
@@ -42,15 +42,16 @@ def knows(regions: RegionSet) -> bool:
 def start_for(stream: ViewStream) -> Checkpoint:
     """The weights as those of a network for the nose of a stream, with regions that they know (`knows`).
 
-    What the weights know is where a view lies in a nose, in units of how far views reach along each axis. In another
-    frame of the same axes (x to the left, y back, z up, as the mean nose's) the middle and the reach are other ones;
-    they are taken from views of the stream.
+    What the weights know is where a view lies in a nose, in units of how far views reach along each axis. Where a nose
+    lies in its frame, and which frame of the same axes that is (x to the left, y back, z up, as the mean nose's), says
+    nothing of that: middle and reach are taken from views of the stream. So are the regions, whose borders here are
+    other ones and are to be learned.
     """
     start = load_checkpoint(START_WEIGHTS)
-    if start.subject.frame == stream.anatomy.frame:
-        return start
-    places_mm = stream.batch(0, _PLACES).anatomy_T_camera.position_mm
-    units = {"position_mean_mm": places_mm.mean(axis=0), "position_scale_mm": places_mm.std(axis=0)}
+    views = draw_views(stream.scene, stream.bank, _PLACES, np.random.default_rng(stream.seed), stream.avoid)
+    places_mm = views.anatomy_T_camera.position_mm
+    reach_mm = np.maximum(places_mm.std(axis=0), 1.0)
+    units = {"position_mean_mm": places_mm.mean(axis=0), "position_scale_mm": reach_mm}
     weights = {**start.weights, **{name: value.astype(np.float32) for name, value in units.items()}}
     regions = RegionLabels.of(stream.regions)
     return replace(start, weights=weights, subject=replace(start.subject, frame=stream.anatomy.frame, regions=regions))

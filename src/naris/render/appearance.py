@@ -144,7 +144,7 @@ class AppearanceDistribution:
         white_balance: each factor is within 1 ± this.
         flat: share of the pictures with a light that hardly falls off and a tone curve like a screen's, as simple
             renderers have them (`PAPER`); a network that never saw such a picture takes depth from brightness alone,
-            and is centimetres off in one.
+            and is further off in one, by more than 5 mm in a third of them.
     """
 
     family: str

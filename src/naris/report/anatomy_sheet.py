@@ -170,7 +170,8 @@ def _down(scene: Scene, passage: Passage) -> Down:
     reach = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(passage.points_mm, axis=0), axis=1))])
     chosen = []
     for share in SHARES:
-        near = np.flatnonzero(np.abs(reach - share * reach[-1]) <= _NEARBY * reach[-1])
+        off = np.abs(reach - share * reach[-1])
+        near = np.flatnonzero(off <= max(_NEARBY * float(reach[-1]), float(off.min())))
         chosen.append(int(near[passage.clearance_mm[near].argmax()]))
     forward = tangents(passage)[chosen]
     poses = Pose.look(passage.points_mm[chosen], forward, upright(forward), scene.anatomy.frame)

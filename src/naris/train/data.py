@@ -41,6 +41,11 @@ class Stream(Protocol):
     @property
     def intrinsics(self) -> Intrinsics: ...
 
+    @property
+    def avoid(self) -> Pose | None:
+        """Views that stay unseen."""
+        ...
+
     def batch(self, index: int, size: int) -> Batch:
         """The same bits for the same index and size."""
         ...
@@ -244,8 +249,7 @@ class StreamLessons:
         pose = np.stack([batch.anatomy_T_camera.matrix[r] for batch, r in pick])
         fov_deg = np.array([batch.vertical_fov_deg[r] for batch, r in pick])
         fov_deg = self._squared_fov_deg(fov_deg)
-        avoid = getattr(self.stream, "avoid", None)
-        shown = _Shown(squared(images), region, pose, fov_deg, self.subject.intrinsics, avoid)
+        shown = _Shown(squared(images), region, pose, fov_deg, self.subject.intrinsics, self.stream.avoid)
         return _changed(shown, self.config, step)
 
     def _squared_fov_deg(self, fov_deg: Float[np.ndarray, "b"]) -> Float[np.ndarray, "b"]:
@@ -350,10 +354,7 @@ def _changed(shown: _Shown, config: TrainConfig, step: int) -> Lesson:
         near = _too_near(shown, pose)
         if near.any():
             unturned = replace(config.augmentation, turn_deg=0.0, roll_deg=0.0)
-            rng = np.random.default_rng([config.seed, _CHANGE, step])
-            images[near], turn[near] = (
-                made[near] for made in augment(shown.images, shown.fov_deg, size, unturned, rng, aspect)
-            )
+            images[near], turn[near] = augment(shown.images[near], shown.fov_deg[near], size, unturned, rng, aspect)
             pose = _turned(shown.pose, turn)
     else:
         images = fitted(images, size)

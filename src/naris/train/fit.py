@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Int, UInt8
 
-from naris.errors import RegionError
+from naris.errors import PoseError, RegionError
 from naris.model.calibration import Calibration, Usual, fit_pool, fit_temperature, fit_usual
 from naris.model.checkpoint import Checkpoint
 from naris.model.localizer import Outputs, fitted, open_localizer, run, shares
@@ -60,7 +60,7 @@ def _fitted_to(checkpoint: Checkpoint, stream: Stream, count: int) -> Checkpoint
     usual = fit_usual(said.embedding[::2], region[::2], said.embedding[1::2], odd)
     try:
         steered = stream.steered(count // _PER_POSITION, _PER_POSITION)
-    except RegionError as error:
+    except (RegionError, PoseError) as error:
         _log.info("calibrated on views of the training, as nobody can steer through its passages: %s", error)
         return _with_calibration(checkpoint, said, region, usual)
     return _with_calibration(checkpoint, _said(checkpoint, steered.images), steered.region, usual)
