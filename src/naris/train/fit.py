@@ -59,7 +59,7 @@ def _fitted_to(checkpoint: Checkpoint, stream: Stream, count: int) -> Checkpoint
     odd = None if said.domain_logit is None else said.domain_logit[1::2]
     usual = fit_usual(said.embedding[::2], region[::2], said.embedding[1::2], odd)
     try:
-        steered = stream.steered(count // _PER_POSITION, _PER_POSITION)
+        steered = stream.steered(count // 2 // _PER_POSITION, _PER_POSITION)
     except (RegionError, PoseError) as error:
         _log.info("calibrated on views of the training, as nobody can steer through its passages: %s", error)
         return _with_calibration(checkpoint, said, region, usual)
