@@ -41,6 +41,14 @@ def write_nrrd(volume: Volume, path: Path) -> None:
     }
     with replacing(path) as part:
         nrrd.write(str(part), np.asarray(volume.hu), header, compression_level=6)
+        _without_comments(part)
+
+
+def _without_comments(path: Path) -> None:
+    """Takes out the header's comments, which tell the second of writing: the same volume shall be the same bytes."""
+    head, end, values = path.read_bytes().partition(b"\n\n")
+    kept = [line for line in head.split(b"\n") if not line.startswith(b"#")]
+    path.write_bytes(b"\n".join(kept) + end + values)
 
 
 def write_dicom(volume: Volume, folder: Path, name: str, progress: Progress = SILENT) -> None:
