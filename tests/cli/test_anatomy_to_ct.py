@@ -45,6 +45,7 @@ def test_the_seed_decides_the_noise(tube: Path, tmp_path: Path) -> None:
         assert main([*asked, "-o", str(tmp_path / f"{name}.nrrd"), "--seed", seed]) == 0
     one, same, other = ((tmp_path / f"{name}.nrrd").read_bytes() for name in "abc")
     assert one == same
+    assert b"#" not in one.partition(b"\n\n")[0]  # a comment would tell the second of writing
     assert one != other
 
 
