@@ -78,12 +78,11 @@ def _claim(options: Options, drawn_from: str) -> None:
     """See that the folder is this population's, or make it so."""
     import json
 
+    from naris.cli.folders import check_own
     from naris.core.atomic import write_json
-    from naris.errors import ConfigurationChanged, InputError
+    from naris.errors import ConfigurationChanged
 
     out, path = options.out, options.out / PATIENTS
-    if out.exists() and not out.is_dir():
-        raise InputError(f"a folder at {out}", "a file", "give another path")
     wanted = {"seed": options.seed, "drawn_from": drawn_from}
     if path.is_file():
         try:
@@ -96,8 +95,7 @@ def _claim(options: Options, drawn_from: str) -> None:
                 f"virtual patients of {_words(wanted)} in {out}", _words(known), "give another folder"
             )
         return
-    if out.exists() and any(not one.name.startswith(".") for one in out.iterdir()):
-        raise InputError(f"a new or empty folder, or one with {PATIENTS}", f"other files in {out}", "give another path")
+    check_own(out, (), PATIENTS)
     write_json(path, {"schema": SCHEMA, **wanted})
 
 

@@ -36,12 +36,14 @@ class Options:
 def run(options: Options, console: Console) -> int:
     """Lays the reference on every patient, and keeps the mean and the modes."""
     from naris.anatomy.correspondence import check_laid
-    from naris.anatomy.shape_model import FEWEST, build_shape_model, save_shape_model
+    from naris.anatomy.shape_model import DESCRIPTION, FEWEST, MEAN, MODES, build_shape_model, save_shape_model
     from naris.anatomy.transfer import virtual_references
     from naris.cli.anatomies import open_anatomy
+    from naris.cli.folders import check_own
     from naris.errors import InputError
 
-    _check_folder(options.out)
+    if not (options.out / DESCRIPTION).is_file():  # which is written last: the others may be of a run that was stopped
+        check_own(options.out, (MEAN, MODES), "a shape model")
     reference, _ = open_anatomy(options.reference)
     if options.patients:
         refuse(options, ("virtual",), "without patients", f"{len(options.patients)} of them")
@@ -67,18 +69,6 @@ def run(options: Options, console: Console) -> int:
 def interrupted(options: Options) -> str:
     """What a user who stopped it should know."""
     return "no whole model was kept; run the same command again"
-
-
-def _check_folder(folder: Path) -> None:
-    from naris.anatomy.shape_model import DESCRIPTION, MEAN, MODES
-    from naris.errors import InputError
-
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"a folder at {folder}", "a file", "give another path")
-    known = (DESCRIPTION, MEAN, MODES)  # the first is written last: without it these are of a run that was stopped
-    others = folder.exists() and any(not one.name.startswith(".") and one.name not in known for one in folder.iterdir())
-    if others and not (folder / DESCRIPTION).is_file():
-        raise InputError("a new or empty folder, or one with a shape model", f"other files in {folder}", "give another")
 
 
 def _describe(model: ShapeModel, folder: Path) -> dict[str, Any]:
