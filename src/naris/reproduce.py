@@ -48,6 +48,8 @@ from naris.train import COMPACT_FEW, COMPACT_ON, PUBLISHED
 
 _TEXTURE = next(file for file in MEAN_NOSE.files if file.name == "sampled_texture.jpg")
 _PUBLISHED_EPOCHS, _PUBLISHED_RUNS = 30, 5
+STEERED_SHARE = 0.5
+"""Of the views at will."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,8 @@ def _train(
         setting.intrinsics.resized(size_px, size_px),
         setting.seed,
         ONE_SCOPE,
-    ).away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
+    )
+    stream = stream.with_steered(STEERED_SHARE).away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
     if known:
         at_will = replace(at_will, start=start_for(stream))
     return [
@@ -208,7 +211,8 @@ def plans(config: ReproduceConfig, pictures: int, faithful: bool, known: bool) -
         COMPACT_AT_WILL,
         "compact, views at will",
         COMPACT_WORDS,
-        "Views rendered as it learns, anywhere along the passages, each with a mucosa, light and sensor of its own"
+        "Views rendered as it learns, half of them of a camera that is steered through the passages and half anywhere"
+        " along them, each with a mucosa, light and sensor of its own"
         + (f"; from weights that know {NOSES} other noses." if known else "."),
         (COMPACT_ON if known else AT_WILL_TRAINING).lasting(steps=config.at_will_steps),
         tuple(range(config.at_will_runs)),

@@ -9,13 +9,14 @@ import pytest
 
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
+from naris.dataset.pilot import Pilot
 from naris.dataset.stream import MANY_SCOPES, Scopes, SeveralStreams, ViewStream, view_stream
 from naris.errors import InputError
 from naris.render.appearance import PAPER, TRAINING_APPEARANCE
 from naris.render.keyframes import UP
 from naris.render.near import neighbours
 from naris.render.scene import Scene, render
-from naris.render.viewpoints import INSPECTION, draw_views
+from naris.render.viewpoints import INSPECTION, Viewpoints, draw_views
 from tests.winding_tube import SLABS, winding_tube
 
 CAMERA = Intrinsics.from_vertical_fov(32, 32, 45.0)
@@ -55,7 +56,16 @@ def test_batches_ahead_are_those_of_one_by_one_in_order(stream) -> None:
     assert all(same(batch, stream.batch(3 + i, 8)) for i, batch in enumerate(ahead))
 
 
-def test_views_keep_away_from_those_that_shall_stay_unseen(stream) -> None:
+def from_the_bank(stream: ViewStream, rng: np.random.Generator) -> Viewpoints:
+    return draw_views(stream.scene, stream.bank, 3000, rng, stream.avoid)
+
+
+def steered(stream: ViewStream, rng: np.random.Generator) -> Viewpoints:
+    return Pilot.in_(stream.scene, stream.regions, 1).glimpses(1200, rng, stream.avoid)
+
+
+@pytest.mark.parametrize("many", [from_the_bank, steered])
+def test_views_keep_away_from_those_that_shall_stay_unseen(stream, many) -> None:
     """An unseen view in the middle of the tube: without the rule some views come near it, with it none."""
     line = winding_tube().passages[0].points_mm
     middle = len(line) // 2
@@ -63,7 +73,7 @@ def test_views_keep_away_from_those_that_shall_stay_unseen(stream) -> None:
 
     def counts(chosen: ViewStream) -> tuple[int, int]:
         """Views that stand near the unseen one, and those of them that look the same way."""
-        poses = draw_views(chosen.scene, chosen.bank, 3000, np.random.default_rng(0), chosen.avoid).anatomy_T_camera
+        poses = many(chosen, np.random.default_rng(0)).anatomy_T_camera
         close = np.linalg.norm(poses.position_mm - unseen.position_mm, axis=1) < 2.0
         alike = poses.forward @ unseen.forward[0] > np.cos(np.deg2rad(15))
         return int(close.sum()), int((close & alike).sum())
@@ -73,6 +83,23 @@ def test_views_keep_away_from_those_that_shall_stay_unseen(stream) -> None:
     assert kept[1] == 0
     # As many stand there as before, looking elsewhere: a network must not learn that nobody ever does.
     assert kept[0] > 0.8 * free[0] > 8
+
+
+def test_a_share_of_a_batch_is_steered(stream) -> None:
+    """Regions equally often in either part, the same bits again, and nearer to the way than views from the bank."""
+    line = winding_tube().passages[0].points_mm
+
+    def off_mm(batch) -> float:
+        return np.linalg.norm(batch.anatomy_T_camera.position_mm[:, None] - line, axis=-1).min(axis=1).mean()
+
+    free, half, all_of_it = (stream.with_steered(share).batch(3, 64) for share in (0.0, 0.5, 1.0))
+    assert same(free, stream.batch(3, 64))
+    assert same(half, stream.with_steered(0.5).batch(3, 64))
+    assert [np.bincount(batch.region).tolist() for batch in (free, half, all_of_it)] == [[16] * 4] * 3
+    assert off_mm(all_of_it) < off_mm(half) < off_mm(free)
+    for wrong in (-0.1, 1.1, float("nan")):
+        with pytest.raises(InputError, match="a share of steered views"):
+            stream.with_steered(wrong)
 
 
 def test_a_steered_camera_keeps_to_the_way_and_away_from_the_unseen(stream) -> None:

@@ -12,8 +12,10 @@ from scipy.spatial import cKDTree
 from naris.anatomy.distance import SignedDistance, signed_distance
 from naris.anatomy.passages import Route, find_passages
 from naris.core.anatomy import Anatomy, Passage, RegionSet
+from naris.core.pose import Pose
 from naris.errors import RegionError
 from naris.render.keyframes import interpolate
+from naris.render.near import neighbours, turned_away
 from naris.render.scene import Scene
 from naris.render.trajectories import (
     PAPER_STEERING,
@@ -26,13 +28,14 @@ from naris.render.trajectories import (
     roomy_parts,
     trajectory_along,
 )
-from naris.render.viewpoints import Viewpoints, joined, passages_of, sees_ahead
+from naris.render.viewpoints import FREE, Viewpoints, joined, passages_of, sees_ahead
 
 STEP_MM = 1.0
 """From one position of a pass to the next."""
 
 _PASSES_PER_REGION = 4
 _MOST_PASSES = 40
+_GLIMPSES = 4
 _COVERED_POINTS = 4
 _ROOMY_MM = 1.2
 _EASE = (1.0, 0.8, 0.6, 0.4)
@@ -154,6 +157,50 @@ class Pilot:
                 left[other] -= len(run)
                 found[other] += len(run)
         return _numbered(runs)
+
+    def glimpses(self, n: int, rng: np.random.Generator, avoid: Pose | None = None) -> Viewpoints:
+        """`n` single views from as many passes as it takes, about equally many in each region, a few of each pass.
+
+        Args:
+            n: how many.
+            rng: of everything random.
+            avoid: views that stay unseen: a camera near one of them looks just past it (`naris.render.near`).
+
+        Raises:
+            RegionError: if a region shows nothing on many passes.
+        """
+        k = len(self.regions.names)
+        left = np.full(k, n // k)
+        left[rng.permutation(k)[: n % k]] += 1
+        passes, uses = np.zeros(k, dtype=np.int64), np.zeros(len(self.courses), dtype=np.int64)
+        found: list[Viewpoints] = []
+        while left.any():
+            region = int(rng.choice(np.flatnonzero(left)))
+            passes[region] += 1
+            if passes[region] > _MOST_PASSES + n:
+                raise RegionError(
+                    f"trajectories with views in {self.regions.names[region]!r} that are allowed",
+                    f"too few on {_MOST_PASSES + n} passes",
+                    "merge the region with a neighbour",
+                )
+            course = self.choose(region, uses, rng)
+            uses[course] += 1
+            views = self.steer(course, rng)
+            views = views[views.region == region]
+            if avoid is not None and len(views):
+                views = self._past(avoid, views, self.courses[course][1], rng)
+            taken = rng.permutation(len(views))[: min(_GLIMPSES, left[region])]
+            left[region] -= len(taken)
+            found.append(views[np.sort(taken)])
+        views = joined([part for part in found if len(part)]) if n else found[0]
+        free = np.full(len(views), FREE)
+        return replace(views, trajectory=free, position=free)
+
+    def _past(self, avoid: Pose, views: Viewpoints, steering: Steering, rng: np.random.Generator) -> Viewpoints:
+        """The views, those near an unseen one turned away, without those that then show nothing or are near still."""
+        poses = turned_away(avoid, views.anatomy_T_camera, rng)
+        fits = ~neighbours(avoid, poses) & sees_ahead(self.scene, poses, steering.median_depth_mm)
+        return replace(views, anatomy_T_camera=poses)[fits]
 
 
 def everything(views: Viewpoints) -> Bool[np.ndarray, "n"]:

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -26,7 +27,15 @@ from naris.errors import InputError
 from naris.render.appearance import Appearance, AppearanceDistribution
 from naris.render.near import neighbours
 from naris.render.scene import Scene, render
-from naris.render.viewpoints import ViewBank, ViewDistribution, Viewpoints, draw_views, passages_of, view_bank
+from naris.render.viewpoints import (
+    ViewBank,
+    ViewDistribution,
+    Viewpoints,
+    draw_views,
+    joined,
+    passages_of,
+    view_bank,
+)
 
 _STEERED = 2**41  # a batch's number that no training comes to
 
@@ -111,6 +120,9 @@ class ViewStream:
         scopes: which cameras.
         avoid: views that are to stay unseen: none is drawn near one of them (`naris.render.near`).
         threads: for rendering; one a core when None. They change no bit.
+        steered_share: of each batch, seen by a camera that is steered through the passages (`naris.dataset.pilot`); the
+            rest is drawn from the bank. A user's views are steered, but a network that has seen nothing else is lost
+            where a hand slips.
     """
 
     scene: Scene
@@ -121,6 +133,11 @@ class ViewStream:
     scopes: Scopes = ONE_SCOPE
     avoid: Pose | None = None
     threads: int | None = None
+    steered_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.steered_share <= 1:
+            raise InputError("a share of steered views of 0–1", f"{self.steered_share}", "correct it")
 
     @property
     def regions(self) -> RegionSet:
@@ -129,6 +146,10 @@ class ViewStream:
     @property
     def anatomy(self) -> Anatomy:
         return self.scene.anatomy
+
+    def with_steered(self, share: float) -> ViewStream:
+        """The stream with that share of each batch seen by a steered camera."""
+        return replace(self, steered_share=share)
 
     def away_from(self, unseen: Pose) -> ViewStream:
         """The stream without views near these (M,): what a clean test with them asks for."""
@@ -141,7 +162,11 @@ class ViewStream:
             RegionError: if a region has no view that the distribution allows.
         """
         rng = np.random.default_rng([self.seed, index])
-        return self._seen(draw_views(self.scene, self.bank, size, rng, self.avoid), rng)
+        steered = round(self.steered_share * size)
+        parts = [draw_views(self.scene, self.bank, size - steered, rng, self.avoid)] if steered < size else []
+        if steered:
+            parts.append(self._pilot.glimpses(steered, rng, self.avoid))
+        return self._seen(parts[0] if len(parts) == 1 else joined(parts), rng)
 
     def steered(self, positions: int, per_position: int) -> Batch:
         """What a camera sees that is steered through the passages (`naris.dataset.pilot`), always the same views.
@@ -155,6 +180,10 @@ class ViewStream:
         rng = np.random.default_rng([self.seed, _STEERED])
         pilot = Pilot.in_(self.scene, self.regions, per_position)
         return self._seen(pilot.collect(positions, self._not_near, rng, longest=1), rng)
+
+    @cached_property
+    def _pilot(self) -> Pilot:
+        return Pilot.in_(self.scene, self.regions, per_position=1)
 
     def _not_near(self, views: Viewpoints) -> Bool[np.ndarray, "n"]:
         """Which views are near none of `avoid`."""

@@ -24,7 +24,7 @@ from naris.core.pose import Pose
 from naris.errors import InputError, PoseError, RegionError
 from naris.render.appearance import Appearance
 from naris.render.directions import Bearings, aims, bearings, tilted, upright
-from naris.render.near import neighbours
+from naris.render.near import neighbours, turned_away
 from naris.render.scene import Scene, render
 
 FREE = -1
@@ -33,7 +33,6 @@ FREE = -1
 _PROBE = Intrinsics.from_vertical_fov(8, 8, 45.0)
 _ANY_LOOK = Appearance()
 _TRIES = (2, 2, 4, 8, 16, 32, 64, 128, 256)
-_TURNS = 5
 _FEWEST_PLACES = 40
 _MOST_PLACES, _MOST_PLACES_IN_ALL = 20_000, 100_000
 _STRETCH_MM = 3.0
@@ -228,8 +227,8 @@ def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator, a
         bank: where views come from.
         n: how many.
         rng: of everything random.
-        avoid: views that stay unseen: a camera near one of them (`naris.render.near`) looks elsewhere, and where it
-            cannot, another is drawn.
+        avoid: views that stay unseen: a camera near one of them looks just past it (`naris.render.near`), and where
+            it cannot, another is drawn.
 
     Raises:
         RegionError: if a region has no view of the asked depth.
@@ -244,7 +243,7 @@ def draw_views(scene: Scene, bank: ViewBank, n: int, rng: np.random.Generator, a
         place, position_mm = _stand(bank, wanted[tried], rng)
         poses = _look(bank, place, position_mm, rng)
         if avoid is not None:
-            poses = _looking_elsewhere(bank, place, poses, avoid, rng)
+            poses = turned_away(avoid, poses, rng)
         fits = sees_ahead(scene, poses, bank.distribution.median_depth_mm, bank.distribution.seen)
         if avoid is not None:
             fits &= ~neighbours(avoid, poses)
@@ -357,25 +356,6 @@ def _look(
     forward = tilted(bank.tangents[place], _tilts_rad(bank.distribution, len(place), rng), rng)
     roll_rad = np.deg2rad(bank.distribution.roll_sd_deg) * rng.standard_normal(len(place))
     return Pose.look(position_mm, forward, upright(forward), bank.regions.frame, roll_rad)
-
-
-def _looking_elsewhere(
-    bank: ViewBank, place: Int[np.ndarray, "n"], poses: Pose, avoid: Pose, rng: np.random.Generator
-) -> Pose:
-    """The same positions; cameras near a view that is to stay unseen look somewhere else if they can.
-
-    Were they drawn anew as a whole, nobody would ever stand where an unseen view is, and a network would learn just
-    that: its poses and regions would avoid the very places that it is tested at.
-    """
-    matrix = poses.matrix.copy()
-    near = np.flatnonzero(neighbours(avoid, poses))
-    for _ in range(_TURNS):
-        if not len(near):
-            break
-        turned = _look(bank, place[near], matrix[near, :3, 3], rng)
-        matrix[near] = turned.matrix
-        near = near[neighbours(avoid, turned)]
-    return Pose(matrix, poses.target, poses.source)
 
 
 def _places(

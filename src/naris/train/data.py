@@ -220,7 +220,9 @@ class StreamLessons:
         stream = self.stream
         parts = stream.parts if isinstance(stream, SeveralStreams) else (stream,)
         views = [getattr(getattr(part, "bank", None), "distribution", None) for part in parts]
-        return {"kind": "views at will", "anatomies": len(parts), "views": plain(views[0])}
+        steered = [getattr(part, "steered_share", 0.0) for part in parts]
+        told = {"kind": "views at will", "anatomies": len(parts), "views": plain(views[0])}
+        return told | ({"steered_share": steered[0]} if steered[0] else {})
 
     @property
     def per_epoch(self) -> int:
@@ -311,7 +313,7 @@ def split_off(examples: Examples, share: float, seed: int) -> tuple[Examples, Ex
 
 def stream_description(stream: Stream) -> dict[str, object]:
     """What tells one stream from another: its settings, as far as it has them."""
-    names = ("appearance", "seed", "scopes", "intrinsics")
+    names = ("appearance", "seed", "scopes", "intrinsics", "steered_share")
     settings = {name: getattr(stream, name) for name in names if hasattr(stream, name)}
     parts = getattr(stream, "parts", None)
     if parts is not None:
