@@ -48,6 +48,16 @@ def test_poses_that_know_nothing_do_not_count() -> None:
     assert temperature == pytest.approx(fit_temperature(logits, labels), rel=0.02)
 
 
+def test_of_pools_that_are_as_good_the_one_that_leans_on_the_poses_is_taken() -> None:
+    """A head and poses that say the same: any mixture is as good, and that of the poses alone is taken."""
+    rng = np.random.default_rng(4)
+    shares = rng.dirichlet(np.full(4, 0.5), size=500) * 0.99 + 0.0025
+    labels = (shares.cumsum(axis=1) < rng.random((500, 1))).sum(axis=1)
+    temperature, power = fit_pool(np.log(shares).astype(np.float32), shares, labels)
+    assert temperature == pytest.approx(100)
+    assert power == pytest.approx(1, abs=0.15)
+
+
 def test_without_shares_the_head_stands_alone() -> None:
     logits = np.random.default_rng(2).normal(size=(5, 3)).astype(np.float32)
     assert np.array_equal(

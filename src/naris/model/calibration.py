@@ -6,7 +6,10 @@ divided by, chosen so that on pictures kept apart the stated probabilities have 
 **Pool** (logarithmic opinion pool: C. Genest, J. Zidek, "Combining probability distributions", Statistical Science
 1986): a network with a pose head has said twice where the camera is. What its poses say about the regions
 (`naris.model.standing`) is multiplied in, raised to a power that is fitted together with the temperature, on the same
-pictures: p ∝ softmax(logits / temperature) · share ^ power.
+pictures: p ∝ softmax(logits / temperature) · share ^ power. Of the pools that are as good as the best one within a
+standard error, the one that leans most on the poses is taken (the one-standard-error rule: L. Breiman et al.,
+"Classification and Regression Trees", 1984): pictures kept apart still resemble those of the training, and of the two
+answers it is the pose that holds better where no training view was near.
 
 **Usual pictures** (K. Lee et al., "A simple unified framework for detecting out-of-distribution samples", NeurIPS
 2018): the distance of a picture's embedding from the nearest region's mean, measured with the covariance that all
@@ -29,6 +32,8 @@ from naris.errors import CheckpointError
 _USUAL, _RARE = 95.0, 99.5
 _SHRINKAGE = 0.1
 _TEMPERATURES = np.exp(np.linspace(np.log(0.2), np.log(10.0), 400))
+_HOTTEST, _POWER = 100.0, 3.0
+_LEANINGS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +156,10 @@ def fit_temperature(logits: Float32[np.ndarray, "n k"], regions: Int[np.ndarray,
 def fit_pool(
     logits: Float32[np.ndarray, "n k"], shares: Float[np.ndarray, "n k"], regions: Int[np.ndarray, "n"]
 ) -> tuple[float, float]:
-    """Temperature (0.2 to 10) and power (0 to 3) of highest likelihood; the likelihood has one summit only.
+    """Temperature (0.2 to 100) and power (0 to 3) of the pool that leans most on the shares, among those whose
+    likelihood is the highest or within a standard error of it (paired by picture).
 
-    If that is not found, the temperature of the head alone.
+    The likelihood has one summit only. If that is not found, the temperature of the head alone.
     """
     rows = np.arange(len(regions))
     said = np.stack([logits.astype(np.float64), np.log(shares)])
@@ -164,11 +170,28 @@ def fit_pool(
         expected = (said * np.exp(log_p)).sum(axis=2) - said[:, rows, regions]
         return float(-log_p[rows, regions].mean()), expected.mean(axis=1)
 
-    coldest, hottest = 1 / _TEMPERATURES[0], 1 / _TEMPERATURES[-1]
-    found = minimize(loss, np.array([1.0, 0.0]), jac=True, bounds=[(hottest, coldest), (0.0, 3.0)])
+    def each(scale: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n"]:
+        return np.asarray(-log_softmax(np.tensordot(scale, said, axes=1))[rows, regions])
+
+    coldest, hottest = 1 / _TEMPERATURES[0], 1 / _HOTTEST
+    found = minimize(loss, np.array([1.0, 0.0]), jac=True, bounds=[(hottest, coldest), (0.0, _POWER)])
     if not found.success:
         return fit_temperature(logits, regions), 0.0
-    return float(1 / found.x[0]), float(found.x[1])
+    best, chosen = each(found.x), found.x
+    # With the head's part held at less and less of the best one, the power that is best beside it.
+    for head in found.x[0] * np.linspace(1, 0, _LEANINGS + 1)[1:]:
+        head = max(head, hottest)
+        beside = minimize(
+            lambda power, head=head: loss(np.array([head, power.item()]))[0],
+            chosen[1:],
+            bounds=[(0.0, _POWER)],
+        )
+        scale = np.array([head, beside.x[0]])
+        behind = each(scale) - best
+        if behind.mean() > behind.std() / np.sqrt(len(behind)):
+            break
+        chosen = scale
+    return float(1 / chosen[0]), float(chosen[1])
 
 
 def fit_usual(
