@@ -73,7 +73,10 @@ def test_another_unit_on_request(surface: Path, capfd) -> None:
     tube = winding_tube()
     write_surface(tube.with_(vertices_mm=tube.vertices_mm / 1000), surface)
     assert main(["anatomy", str(surface)]) == 2
-    assert re.search(r"as if it were in metres; read it with unit m$", capfd.readouterr().err.strip())
+    assert re.search(
+        r"as if it were in metres; bring it to mm first: naris anatomy \S+ --unit m -o DIR$",
+        capfd.readouterr().err.strip(),
+    )
     assert main(["anatomy", str(surface), "--unit", "m", "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["bounds_mm"]["high"][1] == pytest.approx(tube.bounds_mm[1, 1], abs=1e-3)
 

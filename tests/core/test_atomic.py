@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from naris.core.atomic import PART, replacing, to_json, write_bytes, write_json, write_text
-from naris.errors import DiskFull
+from naris.core.atomic import PART, check_writable, replacing, to_json, write_bytes, write_json, write_text
+from naris.errors import DiskFull, InputError
 
 
 def left_behind(folder: Path) -> list[str]:
@@ -76,6 +76,18 @@ def test_other_troubles_keep_their_own_words(tmp_path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(NotADirectoryError):
         write_bytes(tmp_path / "file" / "below", b"")
+
+
+def test_a_place_to_write_is_looked_at_before_the_work(tmp_path) -> None:
+    check_writable(tmp_path / "new" / "result.json")
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+    (tmp_path / "file").write_text("kept")
+    check_writable(tmp_path / "file")
+    for path in (tmp_path / "file" / "below.json", tmp_path / "new"):
+        with pytest.raises(InputError, match="give another path"):
+            check_writable(path)
+    assert (tmp_path / "file").read_text() == "kept"
+    assert list((tmp_path / "new").iterdir()) == []
 
 
 def test_a_reader_never_sees_half_a_file_of_a_writer_that_is_killed(tmp_path) -> None:

@@ -60,16 +60,18 @@ def edit_row(folder: Path, index: int, **changes: object) -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"anatomy_T_camera": None}, "a pose of sample 5 in set"),
-        ({"anatomy_T_camera": [[float("nan")] * 4] * 4}, "finite numbers"),
+        ({"anatomy_T_camera": None}, "a pose (a rigid 4×4 matrix) of sample 5 in set, got none"),
+        ({"anatomy_T_camera": [[float("nan")] * 4] * 4}, "of sample 5 in set, got NaN or infinity"),
         ({"anatomy_T_camera": [[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]}, "rigid"),
-        ({"anatomy_T_camera": [1, 2, 3]}, "rigid 4×4 poses"),
+        ({"anatomy_T_camera": [1, 2, 3]}, "got numbers of shape 3;"),
+        ({"anatomy_T_camera": [[1, 0, 0, 0]] * 3}, "got numbers of shape 3×4;"),
+        ({"anatomy_T_camera": [[1, 0, 0], [0, 1]]}, "got rows that are no four numbers each;"),
         ({"region": 4}, "a region 0…3 of sample 5"),
         ({"region": None}, "a region 0…3 of sample 5"),
         ({"trajectory": None}, "a whole number as trajectory of sample 5"),
         ({"position": 1.5}, "a whole number as position of sample 5"),
         ({"position": 10**30}, "a whole number as position of sample 5"),
-        ({"anatomy_T_camera": [10**400] * 16}, "rigid 4×4 poses"),
+        ({"anatomy_T_camera": [10**400] * 16}, "a pose (a rigid 4×4 matrix) of sample 5"),
         ({"image": "images/999.png"}, "the picture images/999.png of sample 5"),
         ({"image": "../../etc/hostname"}, "of sample 5"),
         ({"depth": None}, "the picture None of sample 5"),
@@ -81,6 +83,7 @@ def test_a_broken_row_is_told_by_number(broken, changes, said) -> None:
         Dataset.open(broken)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert str(caught.value).count("expected") == str(caught.value).count(";") == 1
 
 
 def test_a_missing_picture_is_told(broken) -> None:

@@ -188,7 +188,9 @@ def _refuse_wrong_unit(path: Path, report: SurfaceReport, unit: str) -> None:
     raise SurfaceError(
         f"a surface 15 to 600 mm long in {path.name}",
         f"{report.longest_mm:.3g} mm{looks}",
-        f"read it with unit {' or '.join(likely)}" if likely and unit == "mm" else "check the unit and the file",
+        f"bring it to mm first: naris anatomy {path.name} --unit {' or '.join(likely)} -o DIR"
+        if likely and unit == "mm"
+        else "check the unit and the file",
     )
 
 

@@ -52,7 +52,7 @@ class Options:
 def run(options: Options, console: Console) -> int:
     """Measures, writes and tells the figures."""
     from naris.bench import BenchRequest, run_benchmark
-    from naris.core.atomic import write_json
+    from naris.core.atomic import check_writable, write_json
 
     if options.name in ("anatomy", "demo"):
         refuse(options, ("anatomy", "texture"), "only with another benchmark", options.name)
@@ -71,10 +71,12 @@ def run(options: Options, console: Console) -> int:
         work=options.work,
         progress=console.progress,
     )
+    if options.out is not None:
+        check_writable(options.out)  # before hours are spent on what cannot be kept
     result = run_benchmark(options.name, request, shlex.join(["naris", *sys.argv[1:]]))
+    console.answer(result.record(), _told(result))
     if options.out is not None:
         write_json(options.out, result.record())
-    console.answer(result.record(), _told(result))
     return 0
 
 

@@ -47,6 +47,7 @@ class Range:
 _COUNT, _SEED, _AT_A_TIME = Range(1), Range(0, 2**63 - 1), Range(1, 1024)
 _LENGTH, _SILENCE = Range(0, above=True), Range(0, 24 * 3600, above=True)
 _SHARE = Range(0, 1)
+_EDGE = Range(1, 8192)  # twice the widest endoscopic video
 
 ALLOWED: Mapping[str, Range] = {
     "seed": _SEED,
@@ -56,8 +57,8 @@ ALLOWED: Mapping[str, Range] = {
     "count": _COUNT,
     "virtual": Range(1, 100),
     "per_position": _COUNT,
-    "width": _COUNT,
-    "height": _COUNT,
+    "width": _EDGE,
+    "height": _EDGE,
     "runs": _COUNT,
     "epochs": _COUNT,
     "compact_epochs": _COUNT,

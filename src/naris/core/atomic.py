@@ -11,13 +11,13 @@ import json
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from naris.errors import DiskFull
+from naris.errors import DiskFull, InputError
 
 PART = ".part"
 """Stands in the name of a file that is not finished; such a file may be deleted when nobody writes."""
@@ -50,6 +50,29 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
                 _flush(path.parent, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_writable(path: Path) -> None:
+    """See that a file can be made or replaced there, before work is spent on what goes into it.
+
+    Raises:
+        InputError: if it is a folder, or its folder is a file, or cannot be made or written to.
+        DiskFull: if there is no room.
+    """
+    todo = "give another path"
+    if path.is_dir():
+        raise InputError(f"a file to write at {path}", "a folder", todo)
+    probe = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{PART}")
+    try:
+        with disk_full_told(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            probe.touch()
+    except OSError as error:
+        got = f"{os.strerror(error.errno).lower()}" if error.errno else "none"
+        raise InputError(f"a place to write {path}", got, todo) from error
+    finally:
+        with suppress(OSError):
+            probe.unlink(missing_ok=True)
 
 
 def write_bytes(path: Path, content: bytes, *, durable: bool = True) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Int, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from naris.core.camera import Intrinsics
 from naris.core.frame import Frame, Sample
@@ -70,7 +70,11 @@ class Dataset:
         except (KeyError, TypeError, ValueError, InputError) as error:
             raise DatasetError(
                 f"regions, anatomy, depth and intrinsics in {ABOUT} of {folder.name}",
-                f"{error!r}" if isinstance(error, KeyError) else f"{error}",
+                f"{error!r}"
+                if isinstance(error, KeyError)
+                else error.got
+                if isinstance(error, InputError)
+                else f"{error}",
                 "make the data set anew",
             ) from error
         views = _views(rows, frame, regions, folder.name)
@@ -164,9 +168,9 @@ def _rows(folder: Path, about: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _views(rows: list[dict[str, Any]], frame: str, regions: RegionLabels, name: str) -> Viewpoints:
+    poses_mm: list[Float[np.ndarray, "4 4"]] = []
     for i, row in enumerate(rows):
-        if not isinstance(row.get("anatomy_T_camera"), list):
-            raise DatasetError(f"a pose of sample {i} in {name}", "none", "make the data set anew")
+        poses_mm.append(_pose(row.get("anatomy_T_camera"), i, frame, name))
         if not (isinstance(row.get("region"), int) and -1 <= row["region"] < len(regions.names)):
             raise DatasetError(
                 f"a region 0…{len(regions.names) - 1} of sample {i} in {name}",
@@ -177,13 +181,26 @@ def _views(rows: list[dict[str, Any]], frame: str, regions: RegionLabels, name: 
             number = row.get(key, FREE)
             if not (isinstance(number, int) and FREE <= number <= _LARGEST):
                 raise DatasetError(f"a whole number as {key} of sample {i} in {name}", f"{number!r}", "make it anew")
-    try:
-        matrix = np.array([row["anatomy_T_camera"] for row in rows], dtype=np.float64).reshape(len(rows), 4, 4)
-        poses = Pose(matrix, frame, CAMERA)
-    except (PoseError, ValueError, TypeError, OverflowError) as error:
-        raise DatasetError(f"rigid 4×4 poses in {name}", f"{error}", "make the data set anew") from error
+    poses = Pose(np.reshape(poses_mm, (len(rows), 4, 4)), frame, CAMERA)
     columns = [np.array([row.get(key, FREE) for row in rows], dtype=np.int64) for key in ("region", *_NUMBERS)]
     return Viewpoints(poses, *columns)
+
+
+def _pose(value: object, sample: int, frame: str, name: str) -> Float[np.ndarray, "4 4"]:
+    """The matrix of one row, if it is a pose."""
+    expected, todo = f"a pose (a rigid 4×4 matrix) of sample {sample} in {name}", "make the data set anew"
+    if not isinstance(value, list):
+        raise DatasetError(expected, "none", todo)
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise DatasetError(expected, "rows that are no four numbers each", todo) from error
+    if matrix.shape != (4, 4):
+        raise DatasetError(expected, f"numbers of shape {'×'.join(map(str, matrix.shape))}", todo)
+    try:
+        return Pose(matrix, frame, CAMERA).matrix
+    except PoseError as error:
+        raise DatasetError(expected, error.got, todo) from error
 
 
 def _files(folder: Path, names: Sequence[object]) -> tuple[Path, ...]:
