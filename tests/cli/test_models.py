@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from naris.anatomy.regions import write_regions
 from naris.cli import main
 from naris.dataset.read import Dataset
 from naris.locate import locate
 from naris.model.checkpoint import load_checkpoint
+from tests.winding_tube import SLABS
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +69,10 @@ def test_views_at_will_and_several_seeds(tube: Path, pictures: Path, tmp_path, c
     assert [run["seed"] for run in told["runs"]] == [3, 5]
     assert main(["evaluate", str(tmp_path / "two"), "-d", str(pictures), "--json"]) == 0
     told = json.loads(capfd.readouterr().out)
-    assert [one["seed"] for one in told["scores"]] == [3, 5]
-    assert told["std"] is not None
+    (network,) = told["networks"]
+    assert network["network"] == "two-layer"
+    assert [one["seed"] for one in network["scores"]] == [3, 5]
+    assert network["std"] is not None
     assert main(["locate", str(pictures / "images" / "000000.png"), "-m", str(tmp_path / "two")]) == 2
     assert "one model" in capfd.readouterr().err
 
@@ -81,13 +85,38 @@ def test_evaluation_counts_what_the_library_says(pictures: Path, trained: Path, 
     answers = [one.region for one in locate(dataset.image_files, trained / "model.safetensors")]
     expected = np.zeros((4, 4), dtype=int)
     np.add.at(expected, (dataset.labels, answers), 1)
-    np.testing.assert_array_equal(told["scores"][0]["confusion"], expected)
-    assert told["mean"] == pytest.approx(np.trace(expected) / 48)
+    (network,) = told["networks"]
+    np.testing.assert_array_equal(network["scores"][0]["confusion"], expected)
+    assert network["mean"] == pytest.approx(np.trace(expected) / 48)
     assert json.loads((out / "scores.json").read_text()) == told
     stamp = (out / "predictions-0.npz").stat().st_mtime_ns
     assert main(["evaluate", str(trained / "model.safetensors"), "-d", str(pictures), "-o", str(out)]) == 0
     assert (out / "predictions-0.npz").stat().st_mtime_ns == stamp
-    assert f"accuracy {100 * told['mean']:.1f} %" in capfd.readouterr().out
+    assert f"accuracy {100 * network['mean']:.1f} %" in capfd.readouterr().out
+
+
+def test_different_networks_stand_beside_each_other(pictures: Path, trained: Path, tmp_path, capfd) -> None:
+    """Two networks are no two runs of one: each has figures and a matrix of its own, in the order they were named."""
+    for seed in ("1", "2"):
+        words = ["--network", "two-layer", "--epochs", "1", "--seeds", seed, "--quiet"]
+        assert main(["train", str(pictures), "-o", str(tmp_path / seed), *words]) == 0
+    models = [str(tmp_path / "1"), str(trained), str(tmp_path / "2")]
+    capfd.readouterr()
+    assert main(["evaluate", *models, "-d", str(pictures), "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert [(one["network"], len(one["models"])) for one in told["networks"]] == [("two-layer", 2), ("compact", 1)]
+    assert [one["std"] is None for one in told["networks"]] == [False, True]
+    assert main(["evaluate", *models, "-d", str(pictures)]) == 0
+    text = capfd.readouterr().out
+    assert re.findall(r"^(compact|two-layer), ", text, re.MULTILINE) == ["two-layer", "compact"]
+    assert text.count("true region by row") == 2
+
+
+def test_scores_do_not_go_into_somebodys_folder(pictures: Path, trained: Path, tmp_path, capfd) -> None:
+    (tmp_path / "thesis.txt").write_text("years of work")
+    assert main(["evaluate", str(trained), "-d", str(pictures), "-o", str(tmp_path)]) == 2
+    assert "an evaluation, got other files" in capfd.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
 
 
 def test_locating_says_what_the_library_says(pictures: Path, trained: Path, capfd) -> None:
@@ -127,6 +156,29 @@ def test_the_camera_can_be_told(pictures: Path, trained: Path, tmp_path, capfd) 
     (tmp_path / "camera.json").write_text('{"width": 64}')
     assert main(["locate", picture, "-m", str(trained), "--intrinsics", str(tmp_path / "camera.json")]) == 2
     assert capfd.readouterr().err.count("\n") == 1
+
+
+def test_the_folders_of_the_published_code_are_read_too(tube: Path, tmp_path, capfd) -> None:
+    """Learned from and scored with regions that come from elsewhere, as their poses tell none."""
+    words = ["--count", "12", "--no-depth", "--original", str(tmp_path / "published"), "--quiet"]
+    assert main(["simulate", str(tube), "-o", str(tmp_path / "set"), *words]) == 0
+    published = str(tmp_path / "published")
+    short = ["--epochs", "1", "--quiet"]
+    assert main(["train", published, "-o", str(tmp_path / "run"), *short]) == 2
+    assert "give --regions paper for the published slabs, or a JSON file" in capfd.readouterr().err
+    write_regions(SLABS, tmp_path / "slabs.json")
+    named = ["--regions", str(tmp_path / "slabs.json")]
+    assert main(["train", published, "-o", str(tmp_path / "run"), *short, *named]) == 0
+    found = []
+    assert main(["evaluate", str(tmp_path / "run"), "-d", str(tmp_path / "set"), *named]) == 2
+    assert "--regions only with the published code's frame/ and pose/" in capfd.readouterr().err
+    for data in ([published, *named], [str(tmp_path / "set")]):
+        assert main(["evaluate", str(tmp_path / "run"), "-d", *data, "--json"]) == 0
+        found.append(json.loads(capfd.readouterr().out)["networks"][0]["scores"][0]["confusion"])
+    assert found[0] == found[1]
+    (tmp_path / "published" / "pose" / "03.txt").unlink()
+    assert main(["evaluate", str(tmp_path / "run"), "-d", published, *named]) == 2
+    assert "got none for frame/03.png" in capfd.readouterr().err
 
 
 def bad_words(kind: str, pictures: Path, trained: Path, folder: Path) -> list[str]:

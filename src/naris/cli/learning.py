@@ -7,13 +7,13 @@ from pathlib import Path
 from naris.anatomy.folder import BUILTIN, DESCRIPTION
 from naris.anatomy.read import READERS
 from naris.cli.anatomies import is_anatomy, open_anatomy
+from naris.cli.datasets import is_dataset, is_original, named_regions, open_dataset
 from naris.cli.looks import look
 from naris.cli.options import refuse
 from naris.cli.train import Options
 from naris.core.camera import Intrinsics
 from naris.core.progress import Progress
 from naris.dataset.layout import ABOUT
-from naris.dataset.read import Dataset
 from naris.dataset.stream import MANY_SCOPES, ONE_SCOPE, ViewStream, view_stream
 from naris.errors import InputError
 from naris.render.scene import Scene
@@ -42,11 +42,12 @@ def carry_out(options: Options, progress: Progress) -> list[TrainingRun]:
     if len(set(options.seeds)) != len(options.seeds) or not options.seeds:
         raise InputError("seeds that differ", f"{options.seeds}", "give each once")
     folder = Path(options.source)
-    if (folder / ABOUT).is_file():
-        refuse(options, _OF_VIEWS, "only with an anatomy", f"the data set {options.source}")
+    if is_dataset(folder):
+        of_views = tuple(name for name in _OF_VIEWS if not (name == "regions" and is_original(folder)))
+        refuse(options, of_views, "only with an anatomy", f"the data set {options.source}")
         if len(options.seeds) == 1:
             refuse(options, _OF_RUNS, "only with several --seeds", "one seed")
-        examples = Examples.of(Dataset.open(folder))
+        examples = Examples.of(open_dataset(folder, named_regions(options.regions)))
         config = _lasting(PUBLISHED if options.network == "two-layer" else COMPACT_FEW, options)
         if len(options.seeds) > 1:
             workers = options.workers or 1

@@ -21,7 +21,7 @@ class Options:
 
     source: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ANATOMY|DATASET")]
     """An anatomy (`builtin`, a surface file, a folder of naris anatomy): views are drawn anew for every batch. Or the
-    folder of a data set of naris simulate."""
+    folder of a data set: of naris simulate, or with the frame/ and pose/ of the published code."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")]
     """Folder of the training: new, or one that this very command began. The model is DIR/model.safetensors, with
     several seeds DIR/seed-N/model.safetensors."""
@@ -41,7 +41,7 @@ class Options:
     of an anatomy."""
     regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
     """Region set of an anatomy to tell apart: one of its own, a JSON file, or four even slabs; by default its first.
-    A data set has its own."""
+    A data set of naris simulate has its own; for the published code's name `paper` (its slabs) or a JSON file."""
     views: IfGiven[Literal["inspection", "travel", "anywhere"]] = None
     """Which views of an anatomy: along the passages with some depth ahead (inspection, when not given), the same with
     each stretch of every passage equally often (travel), or from any place with room (anywhere). Not for a data set."""
