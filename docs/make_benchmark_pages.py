@@ -19,6 +19,7 @@ DOCS = Path(__file__).resolve().parent
 RESULTS = DOCS.parent / "benchmarks" / "results"
 FILLED = ("published_experiment.md",)
 MISSING = "not measured yet"
+NONE_WRONG = "none wrong"
 _MARK = re.compile(r"<!-- figure (?P<name>\S+) -->.*?<!-- end -->", re.DOTALL)
 
 
@@ -112,19 +113,24 @@ def row(figure: Figure) -> str:
     if figure.goal is not None:
         met = {True: "reached", False: "missed", None: MISSING}[figure.reached]
         goal = f"{'≥' if figure.better == 'higher' else '≤'} {number(figure.goal, figure.unit)}: {met}"
-    value = MISSING if figure.value is None else f"**{number(figure.value, figure.unit)}**"
+    value = no_value(figure) if figure.value is None else f"**{number(figure.value, figure.unit)}**"
     return f"| `{figure.name}` | {value} | {interval} | {goal} | {figure.n:,} |"
 
 
 def told(figure: Figure) -> str:
     """A figure in running text, with its interval."""
     if figure.value is None:
-        return MISSING
+        return no_value(figure)
     text = number(figure.value, figure.unit)
     if figure.interval is None:
         return text
     low, high = (number(end, figure.unit) for end in figure.interval)
     return f"{text} ({low} … {high})"
+
+
+def no_value(figure: Figure) -> str:
+    """What stands for a figure without a value: a share of the wrong answers has none where nothing was wrong."""
+    return NONE_WRONG if figure.name.endswith(".nonneighbour_error") and figure.n == 0 else MISSING
 
 
 def number(value: float, unit: str) -> str:

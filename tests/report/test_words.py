@@ -83,6 +83,10 @@ def test_training_pictures_say_nothing_of_a_network_that_never_saw_them(reproduc
     first, second = words.leak(replace(reproduce_data, networks=(at_will, fixed)))
     assert "a training view" not in first
     assert "a training view" in second
+    large = with_accuracies(reproduce_data, published=1.0, trajectory=0.86).networks[0]
+    first, second = words.leak(replace(reproduce_data, networks=(replace(large, key="compact_at_will"), large)))
+    assert "near-duplicate" not in first
+    assert "measures interpolation between near-duplicate views" in second
 
 
 def test_one_value_is_no_curve(reproduce_data: ReportData) -> None:

@@ -20,9 +20,9 @@ _AT_WILL_SPLIT = "trajectory_texture"
 def reproduce_figures(data: ReportData) -> tuple[Figure, ...]:
     """Accuracy, non-neighbour errors and calibration of every network on every split; shares are 0…1.
 
-    `reproduce.<network>.<split>.accuracy`, `.nonneighbour_error` (share of the wrong answers; without a value where
-    there are none) and `.ece`; for the network trained on views at will, `reproduce.compact.at_will.…` is
-    `trajectory_texture`; other splits add theirs.
+    `reproduce.<network>.<split>.accuracy`, `.accuracy_std` (between runs, where there are several),
+    `.nonneighbour_error` (share of the wrong answers; without a value where there are none) and `.ece`; for the network
+    trained on views at will, `reproduce.compact.at_will.…` is `trajectory_texture`; other splits add theirs.
     `reproduce.<network>.training_seconds` is the wall clock of all its runs, over all calls that worked on them; it is
     left out where that is not known.
     """
@@ -74,6 +74,8 @@ def _of_test(data: ReportData, network: NetworkResult, test: TestResult) -> list
         Figure(name, test.mean, "1", n, "higher", GOALS.get(name), test.interval, peers),
         Figure(f"{base}.nonneighbour_error", far, "1", test.wrong, "lower"),
     ]
+    if test.std is not None:
+        figures.append(Figure(f"{base}.accuracy_std", test.std, "1", len(test.runs), "lower"))
     if test.calibration is not None:
         figures.append(Figure(f"{base}.ece", test.calibration.ece, "1", n, "lower"))
     return figures

@@ -87,7 +87,7 @@ def _leak_in_short(data: ReportData) -> str | None:
             f"{capital(data.split(a.split).called)}, {network.called} names the right region in {share(a.mean)} of the "
             f"pictures; {data.split(b.split).called}, in {share(b.mean)}."
         )
-        if a.mean - b.mean > LARGE_DROP:
+        if a.mean - b.mean > LARGE_DROP and not network.at_will:
             said += " The first figure mostly tells how well it interpolates between near-duplicate views."
         return said
     return None
@@ -191,7 +191,11 @@ def leak(data: ReportData) -> list[str]:
         near = "" if near_told or network.at_will else _near(split)
         near_told = near_told or not network.at_will
         if drop > LARGE_DROP:
-            meaning = f"the {split.label} measures interpolation between near-duplicate views, not localisation."
+            meaning = (
+                "its views keep away from the clean test's, and not from those of the leaky one."
+                if network.at_will
+                else f"the {split.label} measures interpolation between near-duplicate views, not localisation."
+            )
             said.append(f"{capital(network.called)} falls from {had} to {left}: {meaning}{near}")
         elif drop < -LARGE_DROP:
             said.append(
