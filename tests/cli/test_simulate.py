@@ -18,6 +18,7 @@ from PIL import Image
 
 from naris.cli import main
 from naris.core.pose import Pose
+from naris.dataset.layout import intrinsics_to_json
 from naris.dataset.original import read_original
 from naris.dataset.read import Dataset
 from naris.render.keyframes import Keyframes, write_keyframes, write_original_keyframes
@@ -51,6 +52,27 @@ def test_a_data_set_with_every_region_equally_often(tube: Path, tmp_path, capfd)
     assert dataset.images().std() > 5
     assert dataset[3].depth_mm.max() > 1
     np.testing.assert_array_equal(SLABS.label(dataset.anatomy_T_camera.position_mm), dataset.labels)
+
+
+def test_through_a_camera_of_any_lens_in_a_hand_that_shakes(tube: Path, tmp_path, capfd) -> None:
+    """The data set's camera is that of the file; views of one position differ as a steady hand has them."""
+    lens = {"kind": "fisheye", "k1": -0.02, "k2": 0.0, "k3": 0.0, "k4": 0.0}
+    camera = {"width": 40, "height": 30, "fx": 20.0, "fy": 20.0, "cx": 19.0, "cy": 15.5, "lens": lens}
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    words = ["simulate", str(tube), "--intrinsics", str(tmp_path / "camera.json"), "--quiet", "--views", "trajectories"]
+    spread = []
+    for jitter in ("original", "steady"):
+        out = tmp_path / jitter
+        assert main([*words, "-o", str(out), "--count", "40", "--jitter", jitter]) == 0
+        dataset = Dataset.open(out)
+        assert intrinsics_to_json(dataset.intrinsics) == camera
+        of_one = dataset.anatomy_T_camera.forward[dataset.views.position == 0]
+        assert len(of_one) == 10
+        spread.append(np.rad2deg(np.arccos(np.clip(of_one @ of_one.mean(axis=0), -1, 1))).mean())
+    assert 2 * spread[0] < spread[1]
+    (tmp_path / "camera.json").write_text('{"width": 64}')
+    assert main([*words, "-o", str(tmp_path / "none")]) == 2
+    assert capfd.readouterr().err.count("\n") == 1
 
 
 def test_the_same_command_again_changes_nothing_and_workers_neither(tube: Path, tmp_path) -> None:
@@ -177,6 +199,9 @@ def refused(kind: str, tube: Path, folder: Path) -> list[str]:
         "unknown regions": ["--regions", "lobes"],
         "nothing": ["--count", "0"],
         "no field of view": ["--fov-deg", "190"],
+        "a picture larger than any": ["--width", "100000", "--count", "1"],
+        "a camera and an angle": ["--intrinsics", "camera.json"],
+        "a jitter without positions": ["--jitter", "steady"],
     }[kind]
 
 
@@ -192,6 +217,9 @@ def refused(kind: str, tube: Path, folder: Path) -> list[str]:
         "unknown regions",
         "nothing",
         "no field of view",
+        "a picture larger than any",
+        "a camera and an angle",
+        "a jitter without positions",
         "other seed",
         "folder of something else",
     ],

@@ -9,9 +9,11 @@ from pathlib import Path
 from naris.bench import BenchRequest, Measurement
 from naris.bench.extract import reproduce_figures
 from naris.bench.subject import subject
+from naris.core.provenance import commit
 from naris.dataset.splits import SplitSizes
 from naris.errors import InputError
 from naris.reproduce import ReproduceConfig, reproduce
+from naris.train.loop import RUN, trained_by
 
 QUICK = ReproduceConfig(
     sizes=SplitSizes(train_positions=24, test_positions=8),
@@ -37,4 +39,14 @@ def measure(request: BenchRequest) -> Measurement:
     with tempfile.TemporaryDirectory(prefix="naris-bench-reproduce-") as spare:
         out = request.work or Path(spare)
         data = reproduce(what.anatomy, what.texture, out, config, command="naris reproduce", progress=request.progress)
-    return Measurement(reproduce_figures(data), what.inputs)
+        return Measurement(reproduce_figures(data), {**what.inputs, **_older_trainings(out)})
+
+
+def _older_trainings(out: Path) -> dict[str, str]:
+    """Which trainings other code finished in an earlier call: this call only read their results."""
+    older: dict[str, list[str]] = {}
+    for run in sorted(out.glob(f"*/seed-*/{RUN}")):
+        by = trained_by(run.parent)
+        if by != commit():
+            older.setdefault(by or "code of an unknown commit", []).append(str(run.parent.relative_to(out)))
+    return {f"trained by {by}": ", ".join(names) for by, names in older.items()}

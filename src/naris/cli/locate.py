@@ -12,7 +12,6 @@ from naris.cli.console import Console
 from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
-    from naris.core.camera import Intrinsics
     from naris.core.results import Prediction
     from naris.locate import Doubt
     from naris.model.checkpoint import Checkpoint
@@ -39,6 +38,7 @@ class Options:
 
 def run(options: Options, console: Console) -> int:
     """Tells where each picture was taken; 1 if none could be localised."""
+    from naris.cli.cameras import read_intrinsics
     from naris.cli.models import open_model
     from naris.errors import InputError
     from naris.locate import Doubt, is_localised, locate
@@ -47,7 +47,7 @@ def run(options: Options, console: Console) -> int:
         raise InputError("one picture or more", "none", "name a picture file")
     doubt = Doubt(options.out_of_domain, options.probability)
     localizer = open_model(options.model)
-    intrinsics = None if options.intrinsics is None else _intrinsics(options.intrinsics)
+    intrinsics = None if options.intrinsics is None else read_intrinsics(options.intrinsics)
     found = locate(options.pictures, localizer, intrinsics=intrinsics, threads=options.threads)
     told = [
         {"picture": str(path), "localised": is_localised(one, doubt), "why_not": _why_not(one, doubt), **_told(one)}
@@ -55,20 +55,6 @@ def run(options: Options, console: Console) -> int:
     ]
     console.answer({"model": _model(localizer.checkpoint), "pictures": told}, "\n".join(map(_line, told)))
     return 0 if any(one["localised"] for one in told) else 1
-
-
-def _intrinsics(path: Path) -> Intrinsics:
-    import json
-
-    from naris.dataset.layout import intrinsics_from_json
-    from naris.errors import InputError
-
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(f"intrinsics in JSON in {path.name}", "something else", "see naris locate --help") from error
-    inner = content.get("intrinsics", content) if isinstance(content, dict) else {}
-    return intrinsics_from_json(inner)
 
 
 def _model(checkpoint: Checkpoint) -> dict[str, Any]:

@@ -95,6 +95,18 @@ def check_numbers(options: Any) -> None:
                 raise InputError(f"{flag(field.name)} {allowed}", f"{number}", "correct it")
 
 
+def check_edges(width: int, height: int) -> None:
+    """See that pictures of a camera from a file are of a size that `--width` and `--height` may have.
+
+    Raises:
+        InputError: if not.
+    """
+    if not (width in _EDGE and height in _EDGE):
+        raise InputError(
+            f"pictures with edges of {_EDGE.least:g} to {_EDGE.most:,g} pixels", f"{width}×{height}", "correct it"
+        )
+
+
 def flag(name: str) -> str:
     """An option as it is typed."""
     return f"--{name.replace('_', '-')}"

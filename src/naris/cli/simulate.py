@@ -38,6 +38,9 @@ class Options:
     trajectories or --keyframes."""
     per_position: IfGiven[int] = None
     """Views at each of these positions; 10 when not given. Only with --views trajectories or --keyframes."""
+    jitter: IfGiven[Literal["original", "steady"]] = None
+    """How these views differ: original, when not given: the direction as in the published code, about 0.6° each way;
+    steady: a hand that tilts and rolls by 3°. Only with --views trajectories or --keyframes."""
     regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME|FILE|slabs")] = None
     """Region set that labels the views: one of the anatomy's own, a JSON file, or four even slabs; by default its
     first."""
@@ -46,12 +49,15 @@ class Options:
     paper: the published light; paper-culled: the same with near walls culled, as the published code did."""
     texture: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
     """A picture that colours the walls vertex by vertex, as in the published experiment."""
-    width: int = 300
-    """Of the pictures, in pixels."""
-    height: int = 300
-    """Of the pictures, in pixels."""
-    fov_deg: float = 45.0
-    """Vertical field of view, in degrees, of a camera without distortion."""
+    width: IfGiven[int] = None
+    """Of the pictures, in pixels; 300 when not given. Not with --intrinsics."""
+    height: IfGiven[int] = None
+    """Of the pictures, in pixels; 300 when not given. Not with --intrinsics."""
+    fov_deg: IfGiven[float] = None
+    """Vertical field of view, in degrees, of a camera without distortion; 45 when not given. Not with --intrinsics."""
+    intrinsics: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
+    """Look through this camera instead, lens and all (pinhole, Brown, fisheye): JSON with width, height, fx, fy, cx, cy
+    in pixels and the lens, as in the dataset.json of a data set."""
     seed: int = 0
     """Of everything random: the same seed gives the same bytes, for any number of workers."""
     depth: bool = True

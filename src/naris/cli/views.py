@@ -12,8 +12,9 @@ from jaxtyping import Int
 
 from naris.anatomy.distance import SignedDistance, signed_distance
 from naris.cli.anatomies import open_anatomy
+from naris.cli.cameras import read_intrinsics
 from naris.cli.looks import look
-from naris.cli.options import refuse
+from naris.cli.options import check_edges, refuse
 from naris.cli.simulate import Options
 from naris.core.anatomy import NOWHERE, Anatomy, Passage, RegionSet
 from naris.core.camera import Intrinsics
@@ -21,7 +22,16 @@ from naris.dataset.generate import Simulation
 from naris.errors import KeyframeError, RegionError
 from naris.render.keyframes import Keyframes, interpolate, read_keyframes, read_original_keyframes
 from naris.render.scene import Scene
-from naris.render.trajectories import VIEWS_PER_POSITION, Steering, jitter_views, roomy_parts, trajectory_along
+from naris.render.trajectories import (
+    VIEWS_PER_POSITION,
+    Jitter,
+    OriginalJitter,
+    SteadyHand,
+    Steering,
+    jitter_views,
+    roomy_parts,
+    trajectory_along,
+)
 from naris.render.viewpoints import (
     VIEW_DISTRIBUTIONS,
     Viewpoints,
@@ -33,6 +43,7 @@ from naris.render.viewpoints import (
 )
 
 _COUNT, _STEP_MM = 1000, 1.0
+_EDGE_PX, _FOV_DEG = 300, 45.0
 _log = logging.getLogger(__name__)
 
 
@@ -45,12 +56,14 @@ class _Choice:
         count: how many, where the kind does not tell itself.
         step_mm: between positions on a way.
         per_position: views at each of them.
+        jitter: how these differ.
     """
 
     kind: str
     count: int
     step_mm: float
     per_position: int
+    jitter: Jitter
 
     @staticmethod
     def of(options: Options) -> _Choice:
@@ -60,18 +73,20 @@ class _Choice:
             refuse(options, ("count", "views"), "only without --keyframes", f"--keyframes {options.keyframes}")
         elif given != "trajectories":
             got = "neither" if given is None else f"--views {given}"
-            refuse(options, ("step_mm", "per_position"), "only with --views trajectories or --keyframes", got)
+            refuse(options, ("step_mm", "per_position", "jitter"), "only with --views trajectories or --keyframes", got)
         return _Choice(
             given or "inspection",
             _COUNT if options.count is None else options.count,
             _STEP_MM if options.step_mm is None else options.step_mm,
             VIEWS_PER_POSITION if options.per_position is None else options.per_position,
+            SteadyHand() if options.jitter == "steady" else OriginalJitter(),
         )
 
     def told(self) -> dict[str, object]:
         """For the record; names of files and folders stay out."""
         if self.kind in ("keyframes", "trajectories"):
-            return {"kind": self.kind, "step_mm": self.step_mm, "per_position": self.per_position}
+            told: dict[str, object] = {"kind": self.kind, "step_mm": self.step_mm, "per_position": self.per_position}
+            return told if self.jitter == OriginalJitter() else {**told, "jitter": "steady"}
         return {"kind": "distribution", "distribution": VIEW_DISTRIBUTIONS[self.kind]}
 
 
@@ -82,6 +97,7 @@ def simulation(options: Options) -> tuple[Simulation, Scene]:
         InputError: if something in the options cannot be had together or in this anatomy.
     """
     choice = _Choice.of(options)
+    camera = _camera(options)
     appearance = look(options.appearance, options.texture)
     anatomy, regions = open_anatomy(options.anatomy, options.regions)
     scene = Scene(anatomy)
@@ -90,12 +106,22 @@ def simulation(options: Options) -> tuple[Simulation, Scene]:
         anatomy=anatomy,
         regions=regions,
         views=_views(choice, options.keyframes, regions, scene, rng),
-        intrinsics=Intrinsics.from_vertical_fov(options.width, options.height, options.fov_deg),
+        intrinsics=camera,
         appearance=appearance,
         seed=options.seed,
         depth=options.depth,
         views_from=choice.told(),
     ), scene
+
+
+def _camera(options: Options) -> Intrinsics:
+    if options.intrinsics is not None:
+        refuse(options, ("width", "height", "fov_deg"), "only without --intrinsics", f"{options.intrinsics}")
+        camera = read_intrinsics(options.intrinsics)
+        check_edges(camera.width, camera.height)
+        return camera
+    width, height = (_EDGE_PX if edge is None else edge for edge in (options.width, options.height))
+    return Intrinsics.from_vertical_fov(width, height, _FOV_DEG if options.fov_deg is None else options.fov_deg)
 
 
 def _views(
@@ -104,7 +130,7 @@ def _views(
     anatomy, distance = scene.anatomy, signed_distance(scene.anatomy)
     if keyframes is not None:
         track = interpolate(_keyframes(keyframes, anatomy), choice.step_mm)
-        views = jitter_views(track, regions, rng, choice.per_position)
+        views = jitter_views(track, regions, rng, choice.per_position, choice.jitter)
         check_in_lumen(distance, views.anatomy_T_camera)
         return views
     if choice.kind == "trajectories":
@@ -138,7 +164,7 @@ def _along_passages(
     while len(parts) < len(passages) or positions < wanted:
         passage = passages[len(parts) % len(passages)]
         track = interpolate(trajectory_along(passage, distance, rng), choice.step_mm)
-        views = jitter_views(track, regions, rng, choice.per_position)
+        views = jitter_views(track, regions, rng, choice.per_position, choice.jitter)
         parts.append(replace(views, trajectory=views.trajectory + len(parts), position=views.position + positions))
         positions += len(track)
     walked = joined(parts)

@@ -48,8 +48,13 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
             part.replace(path)
             if durable:
                 _flush(path.parent, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
+    except OSError as error:
+        if error.filename == str(part):  # a name that nobody typed and that is gone by now
+            error.filename = str(path)
+        raise
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(NotADirectoryError):
+            part.unlink(missing_ok=True)
 
 
 def check_writable(path: Path) -> None:
@@ -121,7 +126,7 @@ def disk_full_told(path: Path) -> Iterator[None]:
         raise DiskFull(
             f"room on the disk to write {path}",
             os.strerror(error.errno),
-            "free some space and run the same command again, it goes on where it stopped",
+            "free some space and run the same command again: what is whole is kept",
         ) from error
 
 

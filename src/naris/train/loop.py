@@ -24,7 +24,7 @@ from jaxtyping import Float, Float32
 
 from naris.core.atomic import write_json
 from naris.core.progress import SILENT, Advance, Progress
-from naris.core.provenance import Stopwatch, versions
+from naris.core.provenance import Stopwatch, commit, versions
 from naris.errors import CheckpointError, InputError
 from naris.model.checkpoint import Checkpoint, read_tensors, save_checkpoint, write_tensors
 from naris.model.localizer import limited
@@ -138,6 +138,8 @@ def train(
         origin.check(_record(out), out)
         run = read_run(out)
         _log.info("the training in %s was finished before: nothing to do", out)
+        if (by := trained_by(out)) != commit():
+            _log.warning("the training in %s was finished by other code, of commit %s", out, by or "unknown")
         return run
     _check_free(out)
     with limited(config.torch_threads):
@@ -164,6 +166,16 @@ def train(
     _write_run(run, origin)
     (out / STATE).unlink(missing_ok=True)
     return run
+
+
+def trained_by(folder: Path) -> str | None:
+    """The commit of the code that finished a training (`naris.core.provenance.commit`), None where that is not known.
+
+    Raises:
+        CheckpointError: as `read_run`.
+    """
+    found = _record(folder).get("commit")
+    return found if isinstance(found, str) else None
 
 
 def read_run(folder: Path) -> TrainingRun:
@@ -314,6 +326,7 @@ def _write_run(run: TrainingRun, origin: Origin) -> None:
     content = {
         "schema": _RUN_SCHEMA,
         **origin.record(),
+        "commit": commit(),
         "seed": run.seed,
         "per_epoch": run.per_epoch,
         "pictures": run.pictures,

@@ -1,0 +1,25 @@
+"""Which camera a command line means."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from naris.core.camera import Intrinsics
+from naris.dataset.layout import intrinsics_from_json
+from naris.errors import InputError
+
+
+def read_intrinsics(path: Path) -> Intrinsics:
+    """The camera in a JSON file of its own, or that of a data set (its `dataset.json`).
+
+    Raises:
+        InputError: if there is none.
+    """
+    todo = "give a JSON file with width, height, fx, fy, cx, cy and lens, or the dataset.json of a data set"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"intrinsics in JSON in {path.name}", "something else", todo) from error
+    inner = content.get("intrinsics", content) if isinstance(content, dict) else {}
+    return intrinsics_from_json(inner)
