@@ -9,7 +9,7 @@ import pytest
 
 from naris.airway.block import BEYOND_HU, block_of
 from naris.airway.face import nose_tip_mm
-from naris.airway.segment import ATTACHED, LEFT, NASOPHARYNX, RIGHT, Airway, segment_airway
+from naris.airway.segment import ATTACHED, LEFT, NASOPHARYNX, RIGHT, SEGMENTS, Airway, segment_airway
 from naris.anatomy.distance import signed_distance
 from naris.core.anatomy import Anatomy
 from naris.core.volume import Volume
@@ -19,6 +19,8 @@ from tests import simulated_head
 from tests.ct.dicom_files import affine, grid
 
 COARSE_MM = 0.8
+SINUSES_ML = {"maxillary sinus": (8, 35), "ethmoid cells": (1, 9), "frontal sinus": (1, 12), "sphenoid sinus": (4, 16)}
+"""Of an adult, generously."""
 
 
 @pytest.fixture
@@ -93,7 +95,11 @@ def test_a_real_head_with_an_open_mouth_and_metal(shared_data) -> None:
     for side in (RIGHT, LEFT):
         assert 6 < airway.volume_ml(side) < 20
     assert 4 < airway.volume_ml(NASOPHARYNX) < 20
-    assert airway.volume_ml(ATTACHED) > 50
+    ml = {name: airway.volume_ml(1 + number) for number, name in enumerate(SEGMENTS)}
+    for name, (least, most) in SINUSES_ML.items():
+        sides = (name,) if name in ml else (f"right {name}", f"left {name}")
+        assert all(least < ml[side] < most for side in sides), ml
+    assert ml["other attached cavities"] > 5  # the mouth
     marks = airway.landmarks_mm
     mouth = marks["anterior tip"] + [0, 50, -26]
     assert airway.labels[tuple(airway.block.index(mouth))] in (0, ATTACHED)

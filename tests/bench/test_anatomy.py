@@ -111,6 +111,7 @@ def test_expert_labels_of_a_real_scan_are_met(shared_data: Path) -> None:
     assert values["left_dice"] > 0.83
     assert values["surface_mm"] < 0.6
     assert values["sinuses_left_out"] > 0.98
+    assert min(values["right_maxillary_dice"], values["left_maxillary_dice"]) > 0.9
 
 
 @pytest.mark.slow

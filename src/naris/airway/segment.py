@@ -3,9 +3,9 @@
 What is surely air decides what is what. A ball that comes from the front tells the room from the nostrils; the ways
 with most room from either nostril to the pharynx run through the two sides of the nose; the air is divided at its
 narrow places, and the parts along the ways and the slits that open into them are the nasal cavity. What else is
-connected, and not to the room, is a sinus or the mouth. Only then the labels grow to the boundary, half-way between air
-and the tissue around it (`naris.airway.boundary`): at that level a thin septum may have holes, through which nothing
-leaks any more.
+connected, and not to the room, is a sinus (`naris.airway.sinuses`) or the mouth. Only then the labels grow to the
+boundary, half-way between air and the tissue around it (`naris.airway.boundary`): at that level a thin septum may have
+holes, through which nothing leaks any more.
 """
 
 from __future__ import annotations
@@ -20,15 +20,18 @@ from naris.airway.basins import Basins, basins_of, nasal_parts, wall_mm
 from naris.airway.block import TOUCHING, Block, block_of
 from naris.airway.boundary import air_level
 from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostril_mm, nostrils, room_air
+from naris.airway.sinuses import SINUSES, named
 from naris.airway.ways import choana_row, pharynx_nodes, sides, ways_in
 from naris.core.volume import LPS, Volume
 from naris.ct.scan import Finding
 from naris.errors import ScanError
 
 STEP_MM = 0.5
-SEGMENTS = ("right nasal cavity", "left nasal cavity", "nasopharynx", "attached cavities")
-"""The names of labels 1, 2, 3, 4."""
+SEGMENTS = ("right nasal cavity", "left nasal cavity", "nasopharynx", "other attached cavities", *SINUSES)
+"""The names of labels 1, 2, 3, …"""
 RIGHT, LEFT, NASOPHARYNX, ATTACHED = 1, 2, 3, 4
+NOSE = (RIGHT, LEFT, NASOPHARYNX)
+"""What a scope goes through; the other labels are what opens into it."""
 
 _BESIDE_MM, _BEHIND_MM, _ABOVE_MM, _BELOW_MM = 55.0, 125.0, 75.0, 45.0  # of the tip of the nose, the block reaches
 _FLOOR_MM = 25.0  # below the nasal floor the pharynx is cut
@@ -90,12 +93,13 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     labels = _labels(basins, airway, wall, right, left, block)
     at_face = np.unique(basins.part[airway & binary_dilation(room, TOUCHING)])
     labels[np.isin(basins.part, at_face) & (labels == ATTACHED)] = 0  # what lies along the skin is the room
+    rims = {side: nostril_mm(openings[side], way, block) for side, way in (("right", right), ("left", left))}
+    labels = named(labels, ATTACHED, basins, block, _landmarks(block, labels, wall, rims, tip_mm))
     level = air_level(block)
     labels = _grown(labels, level, room, step_mm)
     findings = []
     if tip_mm[1] - volume.bounds_mm[0, 1] < _CLIPPED_MM:
         findings.append(Finding("clipped nose", "the scan begins at the tip of the nose, which may be cut", "warning"))
-    rims = {side: nostril_mm(openings[side], way, block) for side, way in (("right", right), ("left", left))}
     landmarks = _landmarks(block, labels, wall, rims, tip_mm)
     return Airway(labels, block, level, landmarks, tuple(findings))
 

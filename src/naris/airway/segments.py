@@ -11,7 +11,19 @@ from naris.airway.segment import SEGMENTS, Airway
 from naris.core.atomic import replacing
 
 SUFFIX = ".seg.nrrd"
-_COLOURS = ((0.85, 0.35, 0.30), (0.30, 0.55, 0.85), (0.90, 0.75, 0.30), (0.45, 0.75, 0.50))
+_COLOURS = (
+    (0.85, 0.35, 0.30),
+    (0.30, 0.55, 0.85),
+    (0.90, 0.75, 0.30),
+    (0.60, 0.60, 0.60),
+    (0.75, 0.50, 0.70),
+    (0.55, 0.40, 0.75),
+    (0.45, 0.75, 0.50),
+    (0.25, 0.60, 0.50),
+    (0.90, 0.60, 0.45),
+    (0.70, 0.45, 0.30),
+    (0.45, 0.80, 0.85),
+)
 
 
 def write_segments(airway: Airway, path: Path) -> None:

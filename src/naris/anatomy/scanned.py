@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int32
 
-from naris.airway.segment import ATTACHED, LEFT, NASOPHARYNX, RIGHT, Airway
+from naris.airway.segment import NOSE, Airway
 from naris.anatomy.checks import check_surface, faces_of_piece, pieces_of
 from naris.anatomy.level_set import only_lumen, surface, taubin
 from naris.anatomy.passages import find_passages
@@ -57,8 +57,8 @@ def anatomy_of_airway(airway: Airway, name: str, source: str, *, attached: bool 
         ScanError: if the surface does not close to a manifold.
         PoseError: if the nose is too narrow for passages.
     """
-    kept = (RIGHT, LEFT, NASOPHARYNX, ATTACHED) if attached else (RIGHT, LEFT, NASOPHARYNX)
-    field = only_lumen(_field(airway, np.isin(airway.labels, kept)))
+    kept = airway.labels > 0 if attached else np.isin(airway.labels, NOSE)
+    field = only_lumen(_field(airway, kept))
     rough, faces = _largest_piece(*surface(field, airway.block.origin_mm, airway.block.step_mm))
     vertices, moved_mm = _smoothed(rough, faces)
     report = check_surface(vertices, faces)
