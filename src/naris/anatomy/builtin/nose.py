@@ -15,6 +15,7 @@ from naris.anatomy.builtin.layout import Layout, layout_of
 from naris.anatomy.builtin.parameters import NoseParameters
 from naris.anatomy.builtin.regions import anatomical_regions
 from naris.anatomy.builtin.routes import routes
+from naris.anatomy.builtin.variants import Alteration, altered, told
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.level_set import only_lumen, softened, surface, taubin
 from naris.anatomy.passages import find_passages
@@ -48,8 +49,10 @@ class Shape:
     at: Layout
 
 
-def shape_of(parameters: NoseParameters, resolution_mm: float = RESOLUTION_MM) -> Shape:
-    """The surface that the parameters make, on a grid of that spacing.
+def shape_of(
+    parameters: NoseParameters, resolution_mm: float = RESOLUTION_MM, alterations: tuple[Alteration, ...] = ()
+) -> Shape:
+    """The surface that the parameters and alterations make, on a grid of that spacing.
 
     Raises:
         InputError: if the resolution is out of range or the parameters do not make a nose.
@@ -59,13 +62,18 @@ def shape_of(parameters: NoseParameters, resolution_mm: float = RESOLUTION_MM) -
         raise InputError(f"a resolution between {low} and {high} mm", f"{resolution_mm}", "use about 0.6 mm")
     at = layout_of(parameters)
     grid = grid_for(parameters, at, resolution_mm)
-    lumen = only_lumen(softened(lumen_field(parameters, at, grid), resolution_mm))
+    field = altered(lumen_field(parameters, at, grid), grid, alterations)
+    lumen = only_lumen(softened(field, resolution_mm))
     vertices, faces = surface(lumen, grid.origin_mm, grid.spacing_mm)
     return Shape(taubin(vertices, faces, _SMOOTHING_STEPS, _PASS_BAND), faces, lumen, grid, at)
 
 
 def built_in_nose(
-    parameters: NoseParameters = NoseParameters(), *, resolution_mm: float = RESOLUTION_MM, passages: bool = True
+    parameters: NoseParameters = NoseParameters(),
+    *,
+    resolution_mm: float = RESOLUTION_MM,
+    passages: bool = True,
+    alterations: tuple[Alteration, ...] = (),
 ) -> Anatomy:
     """A decongested adult nose, both sides and the nasopharynx, as one closed surface.
 
@@ -75,6 +83,7 @@ def built_in_nose(
         parameters: lengths in mm and angles in degrees.
         resolution_mm: spacing of the grid that the implicit model is sampled on.
         passages: find them, which takes most of the time, and refuse a nose in which one is closed.
+        alterations: tissue taken away or added (`naris.anatomy.builtin.variants`).
 
     Returns:
         An anatomy in the frame `LPS` (x to the patient's left, nasal floor at z = −18, tip of the nostrils at y = −45),
@@ -84,14 +93,15 @@ def built_in_nose(
     Raises:
         InputError: if the resolution is out of range or the parameters do not make a nose.
     """
-    shape = shape_of(parameters, resolution_mm)
+    shape = shape_of(parameters, resolution_mm, alterations)
     clearance = ndimage.distance_transform_edt(shape.lumen > 0, sampling=resolution_mm).astype(np.float32)
     anatomy = Anatomy(
         vertices_mm=shape.vertices_mm,
         faces=shape.faces,
         frame=FRAME,
         name=NAME,
-        source=f"naris.anatomy.builtin at {resolution_mm:g} mm with {_told(parameters)}",
+        source=f"naris.anatomy.builtin at {resolution_mm:g} mm with {_told(parameters)}"
+        + (f", altered by {told(alterations)}" if alterations else ""),
         regions={
             "paper": paper_slabs(FRAME),
             "anatomical": anatomical_regions(parameters, shape.at, shape.lumen, shape.grid, FRAME),

@@ -7,6 +7,7 @@ import numpy as np
 from naris.anatomy.builtin.layout import layout_of
 from naris.anatomy.builtin.nose import built_in_nose
 from naris.anatomy.builtin.parameters import NORMAL_RANGES, NoseParameters
+from naris.anatomy.builtin.variants import Alteration, varied
 from naris.core.anatomy import Anatomy
 from naris.errors import InputError
 
@@ -33,19 +34,28 @@ def drawn_parameters(rng: np.random.Generator) -> NoseParameters:
     raise InputError("normal ranges whose noses fit together", f"none in {_TRIES} draws", "report this as a bug")
 
 
-def virtual_patient(seed: int, number: int) -> Anatomy:
-    """The nose number `number` of a population; it depends on the seed and its number alone.
+def virtual_patient(seed: int, number: int, variant: str | None = None) -> Anatomy:
+    """The nose number `number` of a population; it depends on the seed, its number and the variant alone.
 
     Draws whose passages close are passed over.
 
+    Args:
+        seed, number: of it.
+        variant: one of `naris.anatomy.builtin.variants.VARIANTS`; None for a nose within the normal ranges.
+
     Raises:
-        InputError: if none of a hundred draws is open.
+        InputError: if there is no such variant, or none of a hundred draws is open.
     """
     rng = np.random.default_rng([seed, number])
+    called = f"virtual patient {number} of seed {seed}" + (f", {variant}" if variant else "")
     for _ in range(_TRIES):
         parameters = drawn_parameters(rng)
+        alterations: tuple[Alteration, ...] = ()
+        if variant is not None:
+            parameters, alterations = varied(variant, parameters, rng)
         try:
-            return built_in_nose(parameters).with_(name=f"virtual patient {number} of seed {seed}")
+            layout_of(parameters)
+            return built_in_nose(parameters, alterations=alterations).with_(name=called)
         except InputError:
             continue
     raise InputError("normal ranges whose noses are open", f"none in {_TRIES} draws", "report this as a bug")

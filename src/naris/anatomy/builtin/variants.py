@@ -1,0 +1,153 @@
+"""Noses that are not normal: named variants of the built-in nose, as they are met in practice.
+
+Some are parameters beyond their normal ranges (a bowed septum, a swollen turbinate); others take tissue away or add
+some (a hole in the septum, a sinus that was opened, polyps), which an `Alteration` says. Sizes are drawn anew for every
+nose, on either side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from naris.anatomy.builtin.implicit import Field, Grid, smooth_max, smooth_min
+from naris.anatomy.builtin.parameters import NORMAL_RANGES, NoseParameters
+from naris.errors import InputError
+
+_ROUND_MM = 1.0
+_BEYOND = 0.5  # of the way from the end of the normal range to what the generator accepts, at least
+
+
+@dataclass(frozen=True)
+class Alteration:
+    """An ellipsoid of air where there was tissue, or of tissue where there was air.
+
+    Attributes:
+        centre_mm: in the frame of the built-in nose.
+        radii_mm: along x, y, z.
+        air: what it is made of.
+
+    Raises:
+        InputError: if a number is not finite, or a radius is none.
+    """
+
+    centre_mm: tuple[float, float, float]
+    radii_mm: tuple[float, float, float]
+    air: bool
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([*self.centre_mm, *self.radii_mm]).all() or min(self.radii_mm) <= 0:
+            raise InputError("a finite centre and radii above 0", f"{self}", "correct the alteration")
+
+    def __call__(self, lumen: Field, grid: Grid) -> Field:
+        """The lumen with it."""
+        axes = (grid.x, grid.y, grid.z)
+        square = sum(((axis - c) / r) ** 2 for axis, c, r in zip(axes, self.centre_mm, self.radii_mm, strict=True))
+        # About the distance to the wall near it: as exact as the radii are alike.
+        inside = ((1 - np.sqrt(square)) * min(self.radii_mm)).astype(np.float32)
+        return smooth_max(lumen, inside, _ROUND_MM) if self.air else smooth_min(lumen, -inside, _ROUND_MM)
+
+
+Changed = tuple[NoseParameters, tuple[Alteration, ...]]
+
+
+def deviated_septum(p: NoseParameters, rng: np.random.Generator) -> Changed:
+    """A septum bowed beyond the normal range to one side, with a spur (R. Mladina et al. 2008, types 3 to 6)."""
+    bow = _side(rng) * _beyond("septum_deviation_mm", rng)
+    return replace(p, septum_deviation_mm=bow, septal_spur_mm=float(rng.uniform(1.5, 4.0))), ()
+
+
+def turbinate_hypertrophy(p: NoseParameters, rng: np.random.Generator) -> Changed:
+    """Inferior turbinates thicker than normal, that leave a narrow common meatus (G. Berger et al. 2003)."""
+    narrow = float(rng.uniform(1.6, 2.6))
+    return replace(p, inferior_thickness_mm=_beyond("inferior_thickness_mm", rng), common_meatus_width_mm=narrow), ()
+
+
+def concha_bullosa(p: NoseParameters, rng: np.random.Generator) -> Changed:
+    """Middle turbinates swollen by a cell of air inside them: from the nose their outside is seen (W. Bolger et al.
+    1991)."""
+    return replace(p, middle_thickness_mm=_beyond("middle_thickness_mm", rng)), ()
+
+
+def septal_perforation(p: NoseParameters, rng: np.random.Generator) -> Changed:
+    """A hole of 6 to 16 mm in the cartilage of the septum."""
+    along, up = rng.uniform(3.0, 8.0), rng.uniform(3.0, 6.0)
+    centre = (p.septum_deviation_mm / 2, float(rng.uniform(-20, -8)), float(rng.uniform(-8, 0)))
+    thick = p.septum_thickness_mm + p.septal_swell_body_mm + abs(p.septum_deviation_mm)
+    return p, (Alteration(centre, (max(thick, 4.0), float(along), float(up)), air=True),)
+
+
+def after_sinus_surgery(p: NoseParameters, rng: np.random.Generator) -> Changed:
+    """The lateral wall of both middle meatuses opened into cavities where the anterior ethmoid and the ostium were."""
+    made = []
+    for side in (-1, 1):
+        wall = p.middle_meatus_half_width_mm
+        made.append(Alteration(
+            (side * (wall + 1), float(rng.uniform(-8, 0)), float(rng.uniform(0, 4))),
+            (float(rng.uniform(4, 6)), float(rng.uniform(8, 12)), float(rng.uniform(5, 8))),
+            air=True,
+        ))  # fmt: skip
+    return p, tuple(made)
+
+
+def polyps(p: NoseParameters, rng: np.random.Generator) -> Changed:
+    """Two to four polyps of 4 to 9 mm that hang from the middle meatus, on one side or both."""
+    made = []
+    for _ in range(int(rng.integers(2, 5))):
+        radius = float(rng.uniform(2.0, 4.5))
+        centre = (
+            _side(rng) * float(rng.uniform(0.6, 0.85)) * p.middle_meatus_half_width_mm,
+            float(rng.uniform(-16, 6)),
+            float(rng.uniform(-4, 5)),
+        )
+        made.append(Alteration(centre, (0.8 * radius, 1.2 * radius, radius), air=False))
+    return p, tuple(made)
+
+
+VARIANTS: Mapping[str, Callable[[NoseParameters, np.random.Generator], Changed]] = {
+    "deviated septum": deviated_septum,
+    "turbinate hypertrophy": turbinate_hypertrophy,
+    "concha bullosa": concha_bullosa,
+    "septal perforation": septal_perforation,
+    "after sinus surgery": after_sinus_surgery,
+    "polyps": polyps,
+}
+
+
+def varied(name: str, parameters: NoseParameters, rng: np.random.Generator) -> Changed:
+    """A variant of a nose.
+
+    Raises:
+        InputError: if there is none of that name.
+    """
+    if name not in VARIANTS:
+        raise InputError(f"one of {', '.join(VARIANTS)}", repr(name), "name one of those")
+    return VARIANTS[name](parameters, rng)
+
+
+def altered(lumen: Field, grid: Grid, alterations: tuple[Alteration, ...]) -> Field:
+    """The lumen with all of them, in their order."""
+    for alteration in alterations:
+        lumen = alteration(lumen, grid)
+    return lumen
+
+
+def told(alterations: tuple[Alteration, ...]) -> str:
+    """In words, for the record."""
+    return "; ".join(
+        f"{'air' if one.air else 'tissue'} of {'×'.join(f'{r:.3g}' for r in one.radii_mm)} mm at "
+        f"({', '.join(f'{c:.3g}' for c in one.centre_mm)})"
+        for one in alterations
+    )
+
+
+def _beyond(name: str, rng: np.random.Generator) -> float:
+    """A value beyond the upper end of the normal range, up to what the generator accepts."""
+    normal = NORMAL_RANGES[name]
+    return float(normal.high + (normal.maximum - normal.high) * rng.uniform(_BEYOND, 1.0))
+
+
+def _side(rng: np.random.Generator) -> int:
+    return int(2 * rng.integers(2) - 1)
