@@ -49,6 +49,8 @@ BUDGET = "budget.json"
 _LEAST_S = 60.0
 FEW_PICTURES = 40_000
 """Half of what the network is shown in its time where nothing else runs on two cores (`demo.training_pictures`)."""
+STEERED_SHARE = 0.5
+"""Of the views at will, as in `naris reproduce`."""
 _RESERVE_S = 15.0  # for what comes after the training
 
 
@@ -137,7 +139,7 @@ def _train(
     camera = setting.intrinsics.resized(size_px, size_px)
     with journal.stage(VIEWS):
         stream = view_stream(setting.scene, setting.regions, TRAVEL, LOOKS, camera, config.seed)
-        stream = stream.away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
+        stream = stream.with_steered(STEERED_SHARE).away_from(sets.tests[TRAJECTORY].anatomy_T_camera)
     journal.note(VIEWS, "where views at will may be drawn")
     threads = quicker_threads(cast(CompactConfig, COMPACT_DEMO.network), max(2, COMPACT_DEMO.torch_threads))
     budget_s = _budget_s(config, out, journal)
@@ -145,7 +147,8 @@ def _train(
         COMPACT_AT_WILL,
         "compact, views at will",
         COMPACT_WORDS,
-        f"Views rendered as it learns, for {budget_s:.0f} s, from weights that know {NOSES} other noses.",
+        f"Views rendered as it learns, half of them of a steered camera, for {budget_s:.0f} s, from weights that know"
+        f" {NOSES} other noses.",
         COMPACT_DEMO.lasting(budget_s=budget_s).with_(threads=threads),
         (config.seed,),
         start=load_checkpoint(START_WEIGHTS),
