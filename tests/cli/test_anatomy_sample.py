@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from naris.anatomy.builtin.variants import VARIANTS
 from naris.anatomy.folder import load_anatomy
 from naris.cli import main
+from naris.cli.anatomy_sample import Options, _population
 
 
 @pytest.mark.slow
@@ -35,3 +37,43 @@ def test_a_folder_with_something_else_is_left_alone(tmp_path: Path, capfd: pytes
     assert main(["anatomy", "sample", "-o", str(tmp_path / "new"), "--count", "0", "--quiet"]) == 2
     assert not (tmp_path / "new").exists()
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.slow
+def test_patients_around_an_anatomy_of_ones_own(
+    tmp_path: Path, mean_nose_ply: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The mean nose, whose air lies between its walls, deformed; and nothing is drawn otherwise in that folder."""
+    out = tmp_path / "a"
+    words = ["anatomy", "sample", "-o", str(out), "--around", str(mean_nose_ply), "--count", "1", "--quiet"]
+    assert main([*words, "--amplitude-mm", "1.2", "--json"]) == 0
+    (made,) = json.loads(capfd.readouterr().out)["made"]
+    assert "Gaussian process of 1.2 mm over 12 mm" in made["source"]
+    kept, mean = load_anatomy(str(out / "0000")), load_anatomy(str(mean_nose_ply))
+    assert kept.digest == made["digest"] != mean.digest
+    assert kept.regions.keys() == mean.regions.keys()
+    assert main([*words, "--amplitude-mm", "1.3"]) == 2
+    assert "amplitude_mm 1.2" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--scale-mm", "5"], "--scale-mm only with --around"),
+        (["--around", "builtin", "--model", "x"], "shape model"),
+        (["--around", "builtin", "--variant", "polyps"], "--variant only with the built-in nose"),
+        (["--around", "builtin", "--asymmetry", "2"], "an asymmetry of 0–1"),
+    ],
+)
+def test_options_that_do_not_go_together(
+    words: list[str], told: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["anatomy", "sample", "-o", str(tmp_path / "a"), *words, "--quiet"]) == 2
+    assert told in capfd.readouterr().err
+    assert not (tmp_path / "a").exists()
+
+
+def test_every_variant_can_be_asked_for() -> None:
+    words = [name.replace(" ", "-") for name in VARIANTS]
+    assert main(["anatomy", "sample", "-o", "x", "--variant", "nonsense"]) == 2
+    assert all(_population(Options(Path("x"), variant=one))[1].endswith(one.replace("-", " ")) for one in words)

@@ -10,13 +10,14 @@ from scipy.spatial import cKDTree
 
 from naris.anatomy.centreline import STEP_MM, resample
 from naris.anatomy.triangles import index_triangles
-from naris.core.anatomy import Anatomy, GridRegions, Passage, RegionSet
+from naris.core.anatomy import Anatomy, Between, GridRegions, Passage, RegionSet
 from naris.errors import PoseError
 
 NEAREST = 8
 _LEAST_MM = 0.1
 _MARGIN_NODES = 3
 _SPACING_MM = 1.0
+_COARSE_MM = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,12 +53,15 @@ def carried_along(anatomy: Anatomy, vertices_mm: Float[np.ndarray, "v 3"], name:
         PoseError: if a passage would leave the lumen: the vertices have passed through each other.
     """
     there = Mover.between(anatomy.vertices_mm, vertices_mm)
-    back = Mover.between(vertices_mm, anatomy.vertices_mm)
+    margin_mm = _MARGIN_NODES * _SPACING_MM
+    low, high = vertices_mm.min(axis=0) - margin_mm, vertices_mm.max(axis=0) + margin_mm
+    back = _Smooth.of(Mover.between(vertices_mm, anatomy.vertices_mm), low, high)
     index = index_triangles(vertices_mm, anatomy.faces)
     passages = []
     for passage in anatomy.passages:
         points = resample(there(passage.points_mm), STEP_MM)
-        if not (index.winding(points) >= 1).all():
+        wound = index.winding(points) >= 1
+        if not (~wound if isinstance(anatomy.airspace, Between) else wound).all():
             raise PoseError(f"the passage {passage.name} inside the lumen", "points of it in the wall", "move it less")
         passages.append(Passage(passage.name, points, index.closest(points).distance_mm))
     return Anatomy(
@@ -73,12 +77,39 @@ def carried_along(anatomy: Anatomy, vertices_mm: Float[np.ndarray, "v 3"], name:
     )
 
 
-def _carried(regions: RegionSet, back: Mover, vertices_mm: Float[np.ndarray, "v 3"]) -> GridRegions:
+@dataclass(frozen=True, eq=False)
+class _Smooth:
+    """What a mover does, known at the nodes of a coarse grid and linear in between.
+
+    Vertices go smoothly, so that little is lost; a fine grid of regions has a hundred nodes for each of these.
+    """
+
+    shift_mm: Float[np.ndarray, "nx ny nz 3"]
+    origin_mm: Float[np.ndarray, "3"]
+
+    @staticmethod
+    def of(mover: Mover, low_mm: Float[np.ndarray, "3"], high_mm: Float[np.ndarray, "3"]) -> _Smooth:
+        axes = [np.arange(low_mm[k], high_mm[k] + _COARSE_MM, _COARSE_MM) for k in range(3)]
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        return _Smooth(mover(nodes) - nodes, low_mm)
+
+    def at(self, axes: list[Float[np.ndarray, "_"]]) -> Float[np.ndarray, "nx ny nz 3"]:
+        """The shifts at the nodes of a grid, beyond the coarse one as at its end."""
+        shift = self.shift_mm
+        for k, axis in enumerate(axes):
+            place = np.clip((axis - self.origin_mm[k]) / _COARSE_MM, 0, shift.shape[k] - 1)
+            low = np.minimum(place.astype(np.int64), shift.shape[k] - 2)
+            share = np.expand_dims(place - low, [j for j in range(4) if j != k])
+            shift = np.take(shift, low, axis=k) * (1 - share) + np.take(shift, low + 1, axis=k) * share
+        return shift
+
+
+def _carried(regions: RegionSet, back: _Smooth, vertices_mm: Float[np.ndarray, "v 3"]) -> GridRegions:
     """A grid of labels at the new place: each node has the label of where it came from."""
     step = regions.spacing_mm if isinstance(regions, GridRegions) else _SPACING_MM
     low = np.floor(vertices_mm.min(axis=0) / step) - _MARGIN_NODES
     count = np.ceil(vertices_mm.max(axis=0) / step) + _MARGIN_NODES - low + 1
     axes = [step * (low[k] + np.arange(int(count[k]))) for k in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    labels = regions.label(back(nodes)).astype(np.int8)
+    labels = regions.label(nodes + back.at(axes)).astype(np.int8)
     return GridRegions(regions.name, regions.names, regions.frame, labels, step * low, step)

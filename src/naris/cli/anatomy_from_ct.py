@@ -128,5 +128,6 @@ def _text(data: dict[str, Any]) -> str:
     lines += [f"  {name:<24}{ml:6.1f} ml" for name, ml in data["volume_ml"].items()]
     lines.append(f"  surface   {data['faces']:,} faces, closed, genus {data['genus']}")
     lines += [f"  {one['weight']}: {one['text']}" for one in data["findings"]]
+    lines.append(f"  regions   four even slabs; for anatomical ones: naris anatomy transfer {data['folder']} -o DIR")
     lines.append(f"kept in {data['folder']}, picture in {data['picture']}, for 3D Slicer {data['segmentation']}")
     return "\n".join(lines)

@@ -1,16 +1,20 @@
-"""Make virtual patients, each an anatomy like any other: from the normal ranges of a nose, or from a shape model."""
+"""Make virtual patients, each an anatomy like any other: from the normal ranges of a nose, from a shape model, or by
+smooth deformations of one anatomy.
+"""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from naris.cli.console import Console
-from naris.cli.options import IfGiven
+from naris.cli.options import IfGiven, refuse
 
 if TYPE_CHECKING:
     from naris.core.anatomy import Anatomy
@@ -18,6 +22,7 @@ if TYPE_CHECKING:
 PATIENTS = "patients.json"
 SCHEMA = "naris.patients/1"
 SOME_MISSING = 1
+_OF_A_PROCESS = ("amplitude_mm", "scale_mm", "asymmetry", "cycle_mm")
 _log = logging.getLogger(__name__)
 
 
@@ -34,18 +39,37 @@ class Options:
     model: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
     """A shape model (naris anatomy shape-model) to draw from, which is quicker; when not given, the parameters of the
     built-in nose are drawn from their normal ranges."""
+    variant: IfGiven[
+        Literal[
+            "deviated-septum",
+            "turbinate-hypertrophy",
+            "concha-bullosa",
+            "septal-perforation",
+            "after-sinus-surgery",
+            "polyps",
+        ]
+    ] = None
+    """What is not normal in the built-in nose: each patient has it, of another size. Not with --model or --around."""
+    around: Annotated[IfGiven[str], tyro.conf.arg(metavar="ANATOMY")] = None
+    """An anatomy to deform smoothly instead: `builtin`, a folder, a surface file. Not with --model."""
+    amplitude_mm: IfGiven[float] = None
+    """How far points move, in mm along each axis (standard deviation); 0.8 when not given. Only with --around."""
+    scale_mm: IfGiven[float] = None
+    """Over how many mm points move alike; 12 when not given. Only with --around."""
+    asymmetry: IfGiven[float] = None
+    """From 0, both sides as mirror images, to 1, each on its own; 0.3 when not given. Only with --around."""
+    cycle_mm: IfGiven[float] = None
+    """The nasal cycle: how far the mucosa of one side swells and the other's shrinks, in mm (standard deviation); 0.4
+    when not given. Only with --around."""
 
 
 def run(options: Options, console: Console) -> int:
     """Makes the patients that are not there yet."""
-    from naris.anatomy.builtin.variation import virtual_patient
     from naris.anatomy.folder import DESCRIPTION, save_anatomy
-    from naris.anatomy.shape_model import load_shape_model
     from naris.errors import NarisError
 
-    model = None if options.model is None else load_shape_model(options.model)
-    draw = virtual_patient if model is None else model.patient
-    _claim(options, "normal ranges" if model is None else f"shape model of mean {model.mean.digest[:16]}")
+    draw, drawn_from = _population(options)
+    _claim(options, drawn_from)
     made: list[dict[str, Any]] = []
     missing: list[int] = []
     with console.progress.task("virtual patients", options.count) as advance:
@@ -67,6 +91,35 @@ def run(options: Options, console: Console) -> int:
     none = f"; no nose came of {len(missing)} more, which stay missing" if missing else ""
     console.answer(data, f"{len(made)} virtual patients made in {options.out}{already}{none}")
     return SOME_MISSING if missing else 0
+
+
+def _population(options: Options) -> tuple[Callable[[int, int], Anatomy], str]:
+    """What draws a patient from a seed and a number, and what it is called."""
+    if options.model is not None or options.around is not None:
+        refuse(options, ("variant",), "only with the built-in nose and its ranges", "--model or --around")
+    if options.around is None:
+        refuse(options, _OF_A_PROCESS, "only with --around", "none")
+    if options.model is not None:
+        from naris.anatomy.shape_model import load_shape_model
+
+        refuse(options, ("around",), "without a shape model", f"--model {options.model}")
+        model = load_shape_model(options.model)
+        return model.patient, f"shape model of mean {model.mean.digest[:16]}"
+    if options.around is not None:
+        from naris.anatomy.gaussian_process import Deformation, GaussianProcess
+        from naris.cli.anatomies import open_anatomy
+
+        given = {name: value for name in _OF_A_PROCESS if (value := getattr(options, name)) is not None}
+        deformation = Deformation(**given)
+        anatomy, _ = open_anatomy(options.around)
+        told = ", ".join(f"{name} {getattr(deformation, name):g}" for name in _OF_A_PROCESS)
+        return GaussianProcess.around(anatomy, deformation).patient, f"process around {anatomy.digest[:16]}, {told}"
+    from naris.anatomy.builtin.variation import virtual_patient
+
+    if options.variant is not None:
+        variant = options.variant.replace("-", " ")
+        return partial(virtual_patient, variant=variant), f"normal ranges and {variant}"
+    return virtual_patient, "normal ranges"
 
 
 def interrupted(options: Options) -> str:

@@ -1,0 +1,109 @@
+"""Deformations of a nose: as large, as smooth and as symmetric as asked, and nothing folds or is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from naris.anatomy.builtin import built_in_nose
+from naris.anatomy.checks import check_surface
+from naris.anatomy.distance import signed_distance
+from naris.anatomy.gaussian_process import Deformation, GaussianProcess
+from naris.core.anatomy import Anatomy
+from naris.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def nose() -> Anatomy:
+    return built_in_nose()
+
+
+def shifts(process: GaussianProcess, count: int) -> np.ndarray:
+    """(count, V, 3) where the vertices go, of the process alone."""
+    rng = np.random.default_rng(0)
+    drawn = [[rng.standard_normal((basis.shape[1], n)) for basis, n in zip(process.basis, (1, 2), strict=True)]
+             for _ in range(count)]  # fmt: skip
+    return np.stack(
+        [np.concatenate([b @ of for b, of in zip(process.basis, one, strict=True)], axis=1) for one in drawn]
+    )
+
+
+@pytest.mark.slow
+def test_displacements_have_the_asked_covariance(nose: Anatomy) -> None:
+    """Of one side alone (asymmetry 1): the amplitude everywhere, and exp(−½) of it a scale away."""
+    process = GaussianProcess.around(nose, Deformation(amplitude_mm=1.5, scale_mm=15.0, asymmetry=1.0, cycle_mm=0.0))
+    moved = shifts(process, 400)
+    assert moved.std(axis=0).mean() == pytest.approx(1.5, rel=0.05)
+    start = nose.vertices_mm[::400]
+    apart = np.linalg.norm(nose.vertices_mm[:, None] - start[None], axis=-1)
+    far, near = np.argwhere(np.abs(apart - 15.0) < 0.05).T
+    here, there = moved[:, far], moved[:, ::400][:, near]
+    agreed = (here * there).mean() / np.sqrt((here**2).mean() * (there**2).mean())
+    assert agreed == pytest.approx(np.exp(-0.5), abs=0.04)
+
+
+@pytest.mark.slow
+def test_without_asymmetry_a_symmetric_nose_stays_so(nose: Anatomy) -> None:
+    """Points and their mirror images go to mirror images, whatever is drawn."""
+    process = GaussianProcess.around(nose, Deformation(asymmetry=0.0, cycle_mm=0.0))
+    rng = np.random.default_rng(1)
+    marks = nose.landmarks_mm
+    middle = (marks["left.choana"][0] + marks["right.choana"][0]) / 2
+    mirrored = nose.vertices_mm * [-1, 1, 1] + [2 * middle, 0, 0]
+    tree_distance = np.linalg.norm(mirrored[:1000, None] - nose.vertices_mm[None], axis=-1)
+    twin, off = tree_distance.argmin(axis=1), tree_distance.min(axis=1)
+    close = off < 0.2
+    assert close.sum() > 50
+    for _ in range(3):
+        drawn = [rng.standard_normal((b.shape[1], n)) for b, n in zip(process.basis, (1, 2), strict=True)]
+        shift = np.concatenate([b @ of for b, of in zip(process.basis, drawn, strict=True)], axis=1)
+        np.testing.assert_allclose(shift[:1000][close] * [-1, 1, 1], shift[twin[close]], atol=0.15)
+
+
+@pytest.mark.slow
+def test_a_patient_is_whole_and_comes_of_seed_and_number_alone(nose: Anatomy) -> None:
+    process = GaussianProcess.around(nose)
+    one = process.patient(5, 2)
+    report = check_surface(one.vertices_mm, one.faces)
+    assert report.closed
+    assert not report.inside_out
+    assert one.digest == GaussianProcess.around(nose).patient(5, 2).digest != process.patient(5, 3).digest
+    assert 0.3 < np.linalg.norm(one.vertices_mm - nose.vertices_mm, axis=1).mean() < 3
+    assert [passage.name for passage in one.passages] == [passage.name for passage in nose.passages]
+    distance = signed_distance(one)
+    assert all((distance(passage.points_mm) > 0).all() for passage in one.passages)
+    for name, regions in nose.regions.items():
+        assert one.regions[name].names == regions.names
+        there = nose.passages[0].points_mm
+        agreed = one.regions[name].label(one.passages[0].points_mm[:: len(one.passages[0].points_mm) - 1])
+        assert agreed.tolist() == regions.label(there[:: len(there) - 1]).tolist()
+
+
+@pytest.mark.slow
+def test_the_nasal_cycle_swells_one_side_and_shrinks_the_other(nose: Anatomy) -> None:
+    """Air of the left against air of the right: their ratio follows the cycle, and with none of it hardly moves."""
+
+    def left_share(anatomy: Anatomy) -> float:
+        distance = signed_distance(anatomy, 1.0)
+        nodes = distance.origin_mm + distance.spacing_mm * np.argwhere(distance.values_mm > 0)
+        middle = np.mean([anatomy.landmarks_mm[f"{side}.choana"][0] for side in ("left", "right")])
+        return float((nodes[:, 0] > middle).mean())
+
+    process = GaussianProcess.around(nose, Deformation(amplitude_mm=0.0, cycle_mm=0.8))
+    found = [process.patient(0, number) for number in range(6)]
+    cycle = [float(one.source.split("nasal cycle ")[1].split(" mm")[0]) for one in found]
+    shares = [left_share(one) for one in found]
+    assert np.corrcoef(cycle, shares)[0, 1] < -0.95
+    assert max(shares) - min(shares) > 0.04
+    assert all(check_surface(one.vertices_mm, one.faces).closed for one in found)
+
+
+@pytest.mark.parametrize("wrong", [{"amplitude_mm": -1.0}, {"scale_mm": 0.0}, {"asymmetry": 1.5}, {"cycle_mm": np.nan}])
+def test_impossible_numbers_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match="a scale above 0"):
+        Deformation(**wrong)
+
+
+def test_a_scale_finer_than_the_nose_can_be_told_in_is_refused(nose: Anatomy) -> None:
+    with pytest.raises(InputError, match="give a larger scale"):
+        GaussianProcess.around(nose, Deformation(scale_mm=1.0))
