@@ -447,6 +447,20 @@ def test_a_stream_of_tall_pictures_is_seen_through_its_middle() -> None:
     assert np.abs(StreamLessons(square, config).lesson(0).images.astype(int) - changed.images).max() <= 1
 
 
+def test_what_a_model_remembers_of_a_stream_tells_others_from_runs_of_one() -> None:
+    """Another seed of the views is another run; another look or camera is another experiment."""
+
+    def told(**settings: object) -> object:
+        stream = _BarStream()
+        for name, value in settings.items():
+            setattr(stream, name, value)
+        return StreamLessons(stream, COMPACT_AT_WILL.with_(network=TINY, batch=8)).told["source"]
+
+    assert told(seed=0) == told(seed=1)
+    wide = Intrinsics.from_vertical_fov(16, 16, 80.0)
+    assert len({told(), told(appearance="paper"), told(intrinsics=wide), told(steered_share=0.5)}) == 4
+
+
 def test_no_view_is_turned_to_be_near_one_that_stays_unseen() -> None:
     """Cameras look 16° past an unseen view; turned by 10° or so, some would come nearer than 15°."""
     stream = _BarStream()

@@ -18,6 +18,7 @@ from naris.experiment.claim import claim
 from naris.experiment.contenders import (
     COMPACT_AT_WILL,
     COMPACT_WORDS,
+    STEERED_SHARE,
     TWO_LAYER,
     TWO_LAYER_LABEL,
     TWO_LAYER_WORDS,
@@ -49,8 +50,6 @@ BUDGET = "budget.json"
 _LEAST_S = 60.0
 FEW_PICTURES = 40_000
 """Half of what the network is shown in its time where nothing else runs on two cores (`demo.training_pictures`)."""
-STEERED_SHARE = 0.5
-"""Of the views at will, as in `naris reproduce`."""
 _RESERVE_S = 15.0  # for what comes after the training
 
 

@@ -24,6 +24,7 @@ from naris.experiment.contenders import (
     COMPACT,
     COMPACT_AT_WILL,
     COMPACT_WORDS,
+    STEERED_SHARE,
     TWO_LAYER,
     TWO_LAYER_LABEL,
     TWO_LAYER_WORDS,
@@ -48,8 +49,6 @@ from naris.train import COMPACT_FEW, COMPACT_ON, PUBLISHED
 
 _TEXTURE = next(file for file in MEAN_NOSE.files if file.name == "sampled_texture.jpg")
 _PUBLISHED_EPOCHS, _PUBLISHED_RUNS = 30, 5
-STEERED_SHARE = 0.5
-"""Of the views at will."""
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,18 @@ def test_everything_is_where_the_map_takes_it() -> None:
     assert (made.region_set("grid").label(np.array([[500.0, 0, 0]])) == NOWHERE).all()
 
 
+def test_labels_on_a_coarse_field_are_those_of_the_mover_itself() -> None:
+    """The oracle is the mover asked at every node; what differs lies at borders."""
+    tube = marked_tube().with_(regions={"grid": gridded()})
+    moved = bent(tube.vertices_mm)
+    regions = carried_along(tube, moved, "bent", "a test").region_set("grid")
+    assert isinstance(regions, GridRegions)
+    nodes = regions.origin_mm + np.stack(np.meshgrid(*map(np.arange, regions.labels.shape), indexing="ij"), axis=-1)
+    asked = gridded().label(Mover.between(moved, tube.vertices_mm)(nodes))
+    near = np.linalg.norm(nodes[..., None, :] - bent(tube.passages[0].points_mm[::4]), axis=-1).min(axis=-1) < 5
+    assert (regions.labels == asked)[near].mean() > 0.98
+
+
 def test_walls_that_pass_through_each_other_are_refused() -> None:
     tube = marked_tube()
     with pytest.raises(PoseError, match="inside the lumen"):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,6 @@ import pytest
 from naris.anatomy.builtin.variants import VARIANTS
 from naris.anatomy.folder import load_anatomy
 from naris.cli import main
-from naris.cli.anatomy_sample import Options, _population
 
 
 @pytest.mark.slow
@@ -54,6 +55,8 @@ def test_patients_around_an_anatomy_of_ones_own(
     assert kept.regions.keys() == mean.regions.keys()
     assert main([*words, "--amplitude-mm", "1.3"]) == 2
     assert "amplitude_mm 1.2" in capfd.readouterr().err
+    assert main([*words[:-1], "--cycle-mm", "1", "--quiet"]) == 2
+    assert "--cycle-mm only with landmarks of both sides" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -73,7 +76,14 @@ def test_options_that_do_not_go_together(
     assert not (tmp_path / "a").exists()
 
 
-def test_every_variant_can_be_asked_for() -> None:
+def _help(capfd: pytest.CaptureFixture[str]) -> str:
+    with contextlib.suppress(SystemExit):
+        main(["anatomy", "sample", "--help"])
+    return re.sub(r"[\s│]+", " ", re.sub(r"\x1b\[[0-9;]*m", "", capfd.readouterr().out)).replace("- ", "-")
+
+
+def test_every_variant_can_be_asked_for(capfd: pytest.CaptureFixture[str]) -> None:
     words = [name.replace(" ", "-") for name in VARIANTS]
+    (choices,) = [re.findall(r"[a-z]+(?:-[a-z]+)*", one) for one in re.findall(r"--variant \{([^}]*)\}", _help(capfd))]
+    assert choices == words
     assert main(["anatomy", "sample", "-o", "x", "--variant", "nonsense"]) == 2
-    assert all(_population(Options(Path("x"), variant=one))[1].endswith(one.replace("-", " ")) for one in words)

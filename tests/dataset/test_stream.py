@@ -97,6 +97,8 @@ def test_a_share_of_a_batch_is_steered(stream) -> None:
     assert same(half, stream.with_steered(0.5).batch(3, 64))
     assert [np.bincount(batch.region).tolist() for batch in (free, half, all_of_it)] == [[16] * 4] * 3
     assert off_mm(all_of_it) < off_mm(half) < off_mm(free)
+    with pytest.raises(InputError, match="one view or more"):
+        Pilot.in_(stream.scene, stream.regions, 1).glimpses(0, np.random.default_rng(0))
     for wrong in (-0.1, 1.1, float("nan")):
         with pytest.raises(InputError, match="a share of steered views"):
             stream.with_steered(wrong)

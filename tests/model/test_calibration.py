@@ -48,6 +48,18 @@ def test_poses_that_know_nothing_do_not_count() -> None:
     assert temperature == pytest.approx(fit_temperature(logits, labels), rel=0.02)
 
 
+@pytest.mark.parametrize("know", ["nothing at all", "nothing but noise"])
+def test_poses_that_know_nothing_do_not_soften_the_head(know: str) -> None:
+    """On as few pictures as there are: the temperature stays that of the head alone."""
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        logits = (rng.normal(size=(512, 4)) * 3).astype(np.float32)
+        labels = (np.exp(log_softmax(logits)).cumsum(axis=1) < rng.random((512, 1))).sum(axis=1)
+        shares = np.full((512, 4), 0.25) if "all" in know else rng.dirichlet(np.full(4, 5.0), size=512)
+        temperature, _ = fit_pool(logits, shares, labels)
+        assert temperature == pytest.approx(fit_temperature(logits, labels), rel=0.08)
+
+
 def test_of_pools_that_are_as_good_the_one_that_leans_on_the_poses_is_taken() -> None:
     """A head and poses that say the same: any mixture is as good, and that of the poses alone is taken."""
     rng = np.random.default_rng(4)

@@ -12,8 +12,8 @@ from naris.core.provenance import plain
 from naris.dataset.layout import RegionLabels
 from naris.errors import ConfigurationChanged
 from naris.model.two_layer import TwoLayerConfig
-from naris.train import COMPACT_FEW, Examples, TrainConfig, train
-from naris.train.loop import RUN, STATE
+from naris.train import COMPACT_FEW, Examples, TrainConfig, loop, train
+from naris.train.loop import RUN, STATE, by_other_code
 from tests.train.test_runs import SHORT, SLABS, examples
 
 
@@ -110,3 +110,20 @@ def test_records_of_older_versions_tell_what_they_hold(tmp_path: Path) -> None:
         train(other_pictures(), SHORT, tmp_path)
     with pytest.raises(ConfigurationChanged, match=r"got other settings: network input px \(24 → 28\);"):
         train(examples(), SHORT.with_(network=TwoLayerConfig(28)), tmp_path)
+
+
+def test_which_code_made_a_training_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of one that another code went on with, both; code with changes that no commit has is never the same."""
+    here = ["first"]
+    monkeypatch.setattr(loop, "commit", lambda: here[0])
+    with pytest.raises(KeyboardInterrupt):
+        train(examples(), SHORT.with_(state_every_s=0.0), tmp_path / "stopped", progress=Stop())
+    train(examples(), SHORT, tmp_path / "whole")
+    assert by_other_code(tmp_path / "whole") is None
+    here[0] = "second"
+    assert by_other_code(tmp_path / "whole") == "first"
+    train(examples(), SHORT.with_(state_every_s=0.0), tmp_path / "stopped")
+    assert by_other_code(tmp_path / "stopped") == "first, then second"
+    here[0] = "first-dirty"
+    train(examples(), SHORT, tmp_path / "changed")
+    assert by_other_code(tmp_path / "changed") == "first-dirty"

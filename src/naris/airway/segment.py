@@ -38,6 +38,7 @@ _FLOOR_MM = 25.0  # below the nasal floor the pharynx is cut
 _CLIPPED_MM = 1.0
 _GROWN_MM = 1.0
 _LEAST_ROWS = 20
+_SKIN = 0.1
 _THROUGH_MM = 4.0
 
 
@@ -91,8 +92,7 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     openings, right, left = _two_ways(block, airway, room, wall, tip_mm)
     basins = basins_of(airway, wall)
     labels = _labels(basins, airway, wall, right, left, block)
-    at_face = np.unique(basins.part[airway & binary_dilation(room, TOUCHING)])
-    labels[np.isin(basins.part, at_face) & (labels == ATTACHED)] = 0  # what lies along the skin is the room
+    labels[_along_skin(basins, airway, room) & (labels == ATTACHED)] = 0
     rims = {side: nostril_mm(openings[side], way, block) for side, way in (("right", right), ("left", left))}
     labels = named(labels, ATTACHED, basins, block, _landmarks(block, labels, wall, rims, tip_mm))
     level = air_level(block)
@@ -102,6 +102,15 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
         findings.append(Finding("clipped nose", "the scan begins at the tip of the nose, which may be cut", "warning"))
     landmarks = _landmarks(block, labels, wall, rims, tip_mm)
     return Airway(labels, block, level, landmarks, tuple(findings))
+
+
+def _along_skin(
+    basins: Basins, airway: Bool[np.ndarray, "nx ny nz"], room: Bool[np.ndarray, "nx ny nz"]
+) -> Bool[np.ndarray, "nx ny nz"]:
+    """Parts much of which touches the room, and so belong to it; a sinus behind a thin wall hardly touches it."""
+    touching = np.bincount(basins.part[airway & binary_dilation(room, TOUCHING)], minlength=len(basins.room_mm))
+    size = np.bincount(basins.part.ravel(), minlength=len(basins.room_mm))
+    return np.asarray((touching > _SKIN * np.maximum(size, 1))[basins.part])
 
 
 def _largest(mask: Bool[np.ndarray, "nx ny nz"]) -> Bool[np.ndarray, "nx ny nz"]:

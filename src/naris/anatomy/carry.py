@@ -81,7 +81,8 @@ def carried_along(anatomy: Anatomy, vertices_mm: Float[np.ndarray, "v 3"], name:
 class _Smooth:
     """What a mover does, known at the nodes of a coarse grid and linear in between.
 
-    Vertices go smoothly, so that little is lost; a fine grid of regions has a hundred nodes for each of these.
+    Neighbouring vertices go much the same way, so that hardly a label at a border differs (a test says how many);
+    asking the mover at every node of a region set takes several times as long.
     """
 
     shift_mm: Float[np.ndarray, "nx ny nz 3"]

@@ -39,11 +39,13 @@ class Deformation:
     """How far virtual patients differ from the anatomy that they are made of.
 
     Attributes:
-        amplitude_mm: standard deviation of a point's displacement along each axis.
+        amplitude_mm: standard deviation of a point's displacement along each axis; along x less near the middle, the
+            less asymmetry the less.
         scale_mm: how far apart two points are whose displacements agree by 0.6 (exp(−½)).
         asymmetry: from 0, where both sides move as mirror images, to 1, where they know nothing of each other. An
             anatomy without landmarks of both sides has none to mirror: there it counts as 1.
         cycle_mm: standard deviation of the nasal cycle: how far the mucosa of one side swells and the other's shrinks.
+            There is none without landmarks of both sides (`GaussianProcess.has_sides`).
 
     Raises:
         InputError: if a length is negative or not finite, the scale is 0, or the asymmetry is no share.
@@ -86,6 +88,11 @@ class GaussianProcess:
     most_in_mm: Float[np.ndarray, "v"]
     most_out_mm: Float[np.ndarray, "v"]
 
+    @property
+    def has_sides(self) -> bool:
+        """Whether landmarks tell the two sides, so that they can be mirrored and swell by turns."""
+        return _middle_mm(self.anatomy) is not None and not isinstance(self.anatomy.airspace, Between)
+
     @staticmethod
     def around(anatomy: Anatomy, deformation: Deformation = Deformation()) -> GaussianProcess:
         """Find the modes (some seconds).
@@ -120,7 +127,7 @@ class GaussianProcess:
             InputError: if twenty draws in a row are.
         """
         rng = np.random.default_rng([seed, number])
-        d = self.deformation
+        d, sided = self.deformation, self.has_sides
         for _ in range(_TRIES):
             drawn = [np.clip(rng.standard_normal((modes.shape[1], n)), -_MOST_SD, _MOST_SD)
                      for modes, n in zip(self.modes, (1, 2), strict=True)]  # fmt: skip
@@ -135,8 +142,12 @@ class GaussianProcess:
                     self.anatomy,
                     vertices,
                     f"virtual patient {number} of seed {seed}",
-                    f"{self.anatomy.name} under a Gaussian process of {d.amplitude_mm:g} mm over {d.scale_mm:g} mm, "
-                    f"asymmetry {d.asymmetry:g}, nasal cycle {cycle * d.cycle_mm:+.2f} mm on the left",
+                    f"{self.anatomy.name} under a Gaussian process of {d.amplitude_mm:g} mm over {d.scale_mm:g} mm"
+                    + (
+                        f", asymmetry {d.asymmetry:g}, nasal cycle {cycle * d.cycle_mm:+.2f} mm on the left"
+                        if sided
+                        else ""
+                    ),
                 )
             except PoseError:
                 continue
@@ -179,14 +190,22 @@ def _kernel(
 ) -> Float[np.ndarray, "n m"]:
     """The covariance of displacements at points, along x (`sign` −1: mirrored it turns) or across it (1).
 
-    A squared exponential; of it, the share that is not asymmetry has its mirror image added or taken off.
+    A squared exponential; of it, the share that is not asymmetry has its mirror image added or taken off. What that
+    does to the amplitude near the middle is divided out again, but along x, where mirrored displacements must vanish in
+    the middle itself.
     """
-    plain = _squared_exponential(at_mm, points_mm, deformation.scale_mm)
-    if middle_mm is not None and deformation.asymmetry < 1:
+    d = deformation
+    plain = _squared_exponential(at_mm, points_mm, d.scale_mm)
+    if middle_mm is not None and d.asymmetry < 1:
         mirrored = at_mm * [-1, 1, 1] + [2 * middle_mm, 0, 0]
-        there = _squared_exponential(mirrored, points_mm, deformation.scale_mm)
-        plain += sign * (1 - deformation.asymmetry) * there
-    return deformation.amplitude_mm**2 * plain
+        plain += sign * (1 - d.asymmetry) * _squared_exponential(mirrored, points_mm, d.scale_mm)
+        if sign > 0:
+            one, other = (
+                1 + (1 - d.asymmetry) * np.exp(-2 * ((points[:, 0] - middle_mm) / d.scale_mm) ** 2)
+                for points in (at_mm, points_mm)
+            )
+            plain /= np.sqrt(one[:, None] * other)
+    return d.amplitude_mm**2 * plain
 
 
 def _squared_exponential(

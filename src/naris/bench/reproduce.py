@@ -9,11 +9,10 @@ from pathlib import Path
 from naris.bench import BenchRequest, Measurement
 from naris.bench.extract import reproduce_figures
 from naris.bench.subject import subject
-from naris.core.provenance import commit
 from naris.dataset.splits import SplitSizes
 from naris.errors import InputError
 from naris.reproduce import ReproduceConfig, reproduce
-from naris.train.loop import RUN, trained_by
+from naris.train.loop import RUN, by_other_code
 
 QUICK = ReproduceConfig(
     sizes=SplitSizes(train_positions=24, test_positions=8),
@@ -46,7 +45,7 @@ def _older_trainings(out: Path) -> dict[str, str]:
     """Which trainings other code finished in an earlier call: this call only read their results."""
     older: dict[str, list[str]] = {}
     for run in sorted(out.glob(f"*/seed-*/{RUN}")):
-        by = trained_by(run.parent)
-        if by != commit():
-            older.setdefault(by or "code of an unknown commit", []).append(str(run.parent.relative_to(out)))
+        by = by_other_code(run.parent)
+        if by is not None:
+            older.setdefault(by, []).append(str(run.parent.relative_to(out)))
     return {f"trained by {by}": ", ".join(names) for by, names in older.items()}

@@ -32,7 +32,7 @@ VERBS: Mapping[str, Verb] = {
     "anatomy inspect": Verb("naris.cli.anatomy_inspect", "what a CT is and whether it will do"),
     "anatomy transfer": Verb("naris.cli.anatomy_transfer", "regions for an anatomy, carried from others"),
     "anatomy shape-model": Verb("naris.cli.anatomy_shape_model", "a mean nose and how noses differ from it"),
-    "anatomy sample": Verb("naris.cli.anatomy_sample", "virtual patients, from normal ranges or a shape model"),
+    "anatomy sample": Verb("naris.cli.anatomy_sample", "virtual patients, from normal ranges or other anatomies"),
     "anatomy to-ct": Verb("naris.cli.anatomy_to_ct", "the CT that a scanner would make of an anatomy"),
     "simulate": Verb("naris.cli.simulate", "pictures of an anatomy with poses, regions and depth"),
     "train": Verb("naris.cli.train", "a network, on views rendered as it learns or on a data set"),

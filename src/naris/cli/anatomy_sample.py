@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 PATIENTS = "patients.json"
 SCHEMA = "naris.patients/1"
 SOME_MISSING = 1
-_OF_A_PROCESS = ("amplitude_mm", "scale_mm", "asymmetry", "cycle_mm")
+_OF_TWO_SIDES = ("asymmetry", "cycle_mm")
+_OF_A_PROCESS = ("amplitude_mm", "scale_mm", *_OF_TWO_SIDES)
 _log = logging.getLogger(__name__)
 
 
@@ -112,8 +113,11 @@ def _population(options: Options) -> tuple[Callable[[int, int], Anatomy], str]:
         given = {name: value for name in _OF_A_PROCESS if (value := getattr(options, name)) is not None}
         deformation = Deformation(**given)
         anatomy, _ = open_anatomy(options.around)
+        process = GaussianProcess.around(anatomy, deformation)
+        if not process.has_sides:
+            refuse(options, _OF_TWO_SIDES, "only with landmarks of both sides", f"none in {anatomy.name}")
         told = ", ".join(f"{name} {getattr(deformation, name):g}" for name in _OF_A_PROCESS)
-        return GaussianProcess.around(anatomy, deformation).patient, f"process around {anatomy.digest[:16]}, {told}"
+        return process.patient, f"process around {anatomy.digest[:16]}, {told}"
     from naris.anatomy.builtin.variation import virtual_patient
 
     if options.variant is not None:

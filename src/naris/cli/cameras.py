@@ -19,7 +19,10 @@ def read_intrinsics(path: Path) -> Intrinsics:
     todo = "give a JSON file with width, height, fx, fy, cx, cy and lens, or the dataset.json of a data set"
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"intrinsics in JSON in {path.name}", "something else", todo) from error
     inner = content.get("intrinsics", content) if isinstance(content, dict) else {}
-    return intrinsics_from_json(inner)
+    try:
+        return intrinsics_from_json(inner)
+    except InputError as error:
+        raise InputError(f"a camera in {path.name}", error.got, todo) from error

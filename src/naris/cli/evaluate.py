@@ -54,9 +54,12 @@ def run(options: Options, console: Console) -> int:
     from naris.model.localizer import open_localizer
 
     files = model_files(options.models)
-    if not is_original(options.data):
+    regions = None
+    if is_original(options.data):
+        regions = named_regions(options.regions) or load_checkpoint(files[0]).subject.borders
+    else:
         refuse(options, ("regions",), "only with the published code's frame/ and pose/", f"{options.data}")
-    dataset = open_dataset(options.data, named_regions(options.regions) or load_checkpoint(files[0]).subject.borders)
+    dataset = open_dataset(options.data, regions)
     if options.out is not None:
         kept_before = {path.name for path in options.out.glob("predictions-*.npz") if _PREDICTIONS.fullmatch(path.name)}
         check_own(options.out, {SCORES, *kept_before}, "an evaluation")
@@ -121,7 +124,8 @@ def _kind(checkpoint: Checkpoint) -> str:
     ran = ("seed", "threads", "state_every_s")
     settings = {key: value for key, value in _settings(checkpoint).items() if key not in ran}
     start = (checkpoint.training.get("start") or {}).get("weights")
-    return digest([checkpoint.network, checkpoint.config, settings, checkpoint.training.get("data"), start])
+    made_for = checkpoint.subject.identity()
+    return digest([checkpoint.network, checkpoint.config, settings, checkpoint.training.get("data"), start, made_for])
 
 
 def _text(told: dict[str, Any], found: Summary, data: dict[str, Any], networks: int) -> str:

@@ -14,6 +14,7 @@ from naris.cli.train import Options
 from naris.core.camera import Intrinsics
 from naris.core.progress import Progress
 from naris.dataset.layout import ABOUT
+from naris.dataset.original import FRAMES, POSES
 from naris.dataset.stream import MANY_SCOPES, ONE_SCOPE, ViewStream, view_stream
 from naris.errors import InputError
 from naris.render.scene import Scene
@@ -72,7 +73,8 @@ def _neither(source: str) -> InputError:
     path = Path(source)
     got = f"the folder {source} with neither" if path.is_dir() else f"the file {source}"
     return InputError(
-        f"a data set (a folder with {ABOUT}, made by naris simulate) or an anatomy ({BUILTIN}, a surface file "
+        f"a data set (a folder with {ABOUT}, made by naris simulate, or with {FRAMES}/ and {POSES}/) or an anatomy "
+        f"({BUILTIN}, a surface file "
         f"{', '.join(READERS)}, or a folder with {DESCRIPTION}, made by naris anatomy)",
         got if path.exists() else f"nothing at {source}",
         "check the path",

@@ -38,7 +38,7 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
     Raises:
         DiskFull: if there is no room.
     """
-    part = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{PART}{path.suffix}")
+    part = _part_of(path)
     try:
         with disk_full_told(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -57,18 +57,25 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
+def _part_of(path: Path) -> Path:
+    """What stands in for a file until it is finished."""
+    return path.with_name(f".{path.stem}.{secrets.token_hex(4)}{PART}{path.suffix}")
+
+
 def check_writable(path: Path) -> None:
     """See that a file can be made or replaced there, before work is spent on what goes into it.
 
+    Its folder is made if it is not there.
+
     Raises:
-        InputError: if it is a folder, or its folder is a file, or cannot be made or written to.
+        InputError: if it is a folder or a device, or its folder is a file, or cannot be made or written to.
         DiskFull: if there is no room.
     """
     todo = "give another path"
-    if path.is_dir():
-        raise InputError(f"a file to write at {path}", "a folder", todo)
-    probe = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{PART}")
+    probe = _part_of(path)
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"a file to write at {path}", "a folder" if path.is_dir() else "no plain file", todo)
         with disk_full_told(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             probe.touch()

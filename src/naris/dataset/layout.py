@@ -87,6 +87,11 @@ def intrinsics_from_json(content: dict[str, Any]) -> Intrinsics:
     try:
         fields = dict(content)
         lens = dict(fields.pop("lens"))
+        numbers = [*fields.values(), *(value for key, value in lens.items() if key != "kind")]
+        if not all(isinstance(number, (int, float)) for number in numbers):
+            raise TypeError("no number")
+        if any(int(fields[edge]) != fields[edge] for edge in ("width", "height")):
+            raise ValueError("edges that are no whole numbers of pixels")
         made: Lens = _LENSES[lens["kind"]](**lens)
         return Intrinsics(**fields, lens=made)
     except (KeyError, TypeError, ValueError) as error:

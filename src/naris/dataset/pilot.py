@@ -13,7 +13,7 @@ from naris.anatomy.distance import SignedDistance, signed_distance
 from naris.anatomy.passages import Route, find_passages
 from naris.core.anatomy import Anatomy, Passage, RegionSet
 from naris.core.pose import Pose
-from naris.errors import RegionError
+from naris.errors import InputError, RegionError
 from naris.render.keyframes import interpolate
 from naris.render.near import neighbours, turned_away
 from naris.render.scene import Scene
@@ -168,7 +168,10 @@ class Pilot:
 
         Raises:
             RegionError: if a region shows nothing on many passes.
+            InputError: if not one view is asked for.
         """
+        if n < 1:
+            raise InputError("one view or more", f"{n}", "ask for some")
         k = len(self.regions.names)
         left = np.full(k, n // k)
         left[rng.permutation(k)[: n % k]] += 1
@@ -192,7 +195,7 @@ class Pilot:
             taken = rng.permutation(len(views))[: min(_GLIMPSES, left[region])]
             left[region] -= len(taken)
             found.append(views[np.sort(taken)])
-        views = joined([part for part in found if len(part)]) if n else found[0]
+        views = joined([part for part in found if len(part)])
         free = np.full(len(views), FREE)
         return replace(views, trajectory=free, position=free)
 

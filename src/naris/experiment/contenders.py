@@ -14,6 +14,8 @@ from naris.model.checkpoint import Checkpoint
 from naris.train import Examples, TrainConfig, TrainingRun, train, train_runs
 
 TWO_LAYER, COMPACT, COMPACT_AT_WILL = "two_layer", "compact", "compact_at_will"
+STEERED_SHARE = 0.5
+"""Of the views at will: half are of a camera that is steered through the passages."""
 
 
 @dataclass(frozen=True)

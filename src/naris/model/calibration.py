@@ -34,6 +34,7 @@ _SHRINKAGE = 0.1
 _TEMPERATURES = np.exp(np.linspace(np.log(0.2), np.log(10.0), 400))
 _HOTTEST, _POWER = 100.0, 3.0
 _LEANINGS = 20
+_TAKEN_OVER = 0.1  # power that shares must gain as the head loses all of its part: shares that know nothing gain none
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +189,8 @@ def fit_pool(
         )
         scale = np.array([head, beside.x[0]])
         behind = each(scale) - best
-        if behind.mean() > behind.std() / np.sqrt(len(behind)):
+        taken_over = scale[1] - found.x[1] >= _TAKEN_OVER * (1 - head / found.x[0])
+        if not (beside.success and taken_over) or behind.mean() > behind.std() / np.sqrt(len(behind)):
             break
         chosen = scale
     return float(1 / chosen[0]), float(chosen[1])

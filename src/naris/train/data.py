@@ -222,6 +222,7 @@ class StreamLessons:
         views = [getattr(getattr(part, "bank", None), "distribution", None) for part in parts]
         steered = [getattr(part, "steered_share", 0.0) for part in parts]
         told = {"kind": "views at will", "anatomies": len(parts), "views": plain(views[0])}
+        told["source"] = digest([self.subject.identity(), _unseeded(stream_description(stream))])
         return told | ({"steered_share": steered[0]} if steered[0] else {})
 
     @property
@@ -313,8 +314,10 @@ def split_off(examples: Examples, share: float, seed: int) -> tuple[Examples, Ex
 
 def stream_description(stream: Stream) -> dict[str, object]:
     """What tells one stream from another: its settings, as far as it has them."""
-    names = ("appearance", "seed", "scopes", "intrinsics", "steered_share")
+    names = ("appearance", "seed", "scopes", "intrinsics")
     settings = {name: getattr(stream, name) for name in names if hasattr(stream, name)}
+    if getattr(stream, "steered_share", 0.0):
+        settings["steered_share"] = stream.steered_share  # type: ignore[attr-defined]
     parts = getattr(stream, "parts", None)
     if parts is not None:
         several = [
@@ -327,6 +330,13 @@ def stream_description(stream: Stream) -> dict[str, object]:
     passages = [[passage.name, passage.points_mm] for passage in stream.anatomy.passages]
     away = None if avoid is None else avoid.matrix
     return {"kind": type(stream).__name__, "views": views, "passages": passages, "avoid": away, **settings}
+
+
+def _unseeded(description: object) -> object:
+    """What a stream is, but for the seed of its views: the same for runs that differ by nothing else."""
+    if isinstance(description, dict):
+        return {key: _unseeded(value) for key, value in description.items() if key != "seed"}
+    return [_unseeded(one) for one in description] if isinstance(description, list) else description
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,6 +91,7 @@ class _Journal:
     """
 
     history: list[list[float]]
+    by: str | None
     pictures: int = 0
     wall_s: float = 0.0
     cpu_s: float = 0.0
@@ -138,8 +139,8 @@ def train(
         origin.check(_record(out), out)
         run = read_run(out)
         _log.info("the training in %s was finished before: nothing to do", out)
-        if (by := trained_by(out)) != commit():
-            _log.warning("the training in %s was finished by other code, of commit %s", out, by or "unknown")
+        if (by := by_other_code(out)) is not None:
+            _log.warning("the training in %s was made by other code, of commit %s", out, by)
         return run
     _check_free(out)
     with limited(config.torch_threads):
@@ -163,19 +164,22 @@ def train(
         journal.cpu_s,
         settings,
     )
-    _write_run(run, origin)
+    _write_run(run, origin, journal.by)
     (out / STATE).unlink(missing_ok=True)
     return run
 
 
-def trained_by(folder: Path) -> str | None:
-    """The commit of the code that finished a training (`naris.core.provenance.commit`), None where that is not known.
+def by_other_code(folder: Path) -> str | None:
+    """The commit of the code that made a finished training (`naris.core.provenance.commit`), if it is not this code.
+
+    None where it is. Code with changes that no commit has is never known to be the same.
 
     Raises:
         CheckpointError: as `read_run`.
     """
-    found = _record(folder).get("commit")
-    return found if isinstance(found, str) else None
+    by, here = _record(folder).get("commit"), commit()
+    same = by == here and not (here or "").endswith("-dirty")
+    return None if same else str(by or "unknown")
 
 
 def read_run(folder: Path) -> TrainingRun:
@@ -226,6 +230,7 @@ class _Loop:
         journal = self.journal
         about = {
             **self.origin.record(),
+            "commit": journal.by,
             "steps": self.learner.steps,
             "precision": self.learner.precision,
             "pictures": journal.pictures,
@@ -282,14 +287,17 @@ def _begin(
     path = out / STATE
     if not path.is_file():
         fresh = Learner(config, lessons.subject, lessons.positions_mm(), resolved_precision(config), start)
-        return fresh, _Journal([])
+        return fresh, _Journal([], commit())
     about, tensors = read_tensors(path, _STATE_SCHEMA, "a training's state", f"remove {out} to start anew")
     origin.check(about, out)
     learner = Learner(config, lessons.subject, lessons.positions_mm(), str(about["precision"]), start)
     history = tensors.pop(_HISTORY)
     learner.restore(tensors, int(about["steps"]))
     _log.info("going on after step %d of the training in %s", learner.steps, out)
-    return learner, _Journal(history.tolist(), int(about["pictures"]), float(about["wall_s"]), float(about["cpu_s"]))
+    before, here = about.get("commit", "unknown"), commit()
+    by = here if before == here else f"{before}, then {here}"
+    spent = int(about["pictures"]), float(about["wall_s"]), float(about["cpu_s"])
+    return learner, _Journal(history.tolist(), by, *spent)
 
 
 def _steps(config: TrainConfig, lessons: Lessons) -> int:
@@ -322,11 +330,11 @@ def _interrupts() -> Iterator[threading.Event]:
         signal.signal(signal.SIGINT, before)
 
 
-def _write_run(run: TrainingRun, origin: Origin) -> None:
+def _write_run(run: TrainingRun, origin: Origin, by: str | None) -> None:
     content = {
         "schema": _RUN_SCHEMA,
         **origin.record(),
-        "commit": commit(),
+        "commit": by,
         "seed": run.seed,
         "per_epoch": run.per_epoch,
         "pictures": run.pictures,

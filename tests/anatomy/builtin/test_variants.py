@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from naris.anatomy.builtin import NORMAL_RANGES, NoseParameters, built_in_nose
+from naris.anatomy.builtin.field import grid_for, lumen_field
+from naris.anatomy.builtin.layout import layout_of
 from naris.anatomy.builtin.variants import VARIANTS, Alteration, varied
+from naris.anatomy.builtin.variation import drawn_parameters
+from naris.anatomy.builtin.walls import septum_centre_mm, septum_thickness_mm
 from naris.anatomy.checks import check_surface
 from naris.anatomy.distance import signed_distance
 from naris.core.anatomy import Anatomy
@@ -56,6 +60,37 @@ def test_a_perforation_joins_the_two_sides() -> None:
     assert genus[1] == genus[0] + 1
     inside = [bool(signed_distance(nose, 1.0).inside(np.array([hole.centre_mm]))[0]) for nose in noses]
     assert inside == [False, True]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_perforation_takes_the_septum_and_hardly_more(seed: int) -> None:
+    """Of what became air, nearly all lies within the septum's own thickness, however it is bowed."""
+    rng = np.random.default_rng(seed)
+    p = replace(drawn_parameters(rng), irregularity_mm=0.0)
+    _, (hole,) = varied("septal perforation", p, rng)
+    at = layout_of(p)
+    grid = grid_for(p, at, 0.5)
+    lumen = lumen_field(p, at, grid)
+    new = (hole(lumen, grid) > 0) & (lumen <= 0)
+    middle = septum_centre_mm(p, at, grid.y_mm, grid.z_mm)[None]
+    half = septum_thickness_mm(p, at, grid.y_mm, grid.z_mm)[None] / 2
+    within = np.abs(grid.x - middle) < half + 1.0
+    assert new.sum() > 100
+    assert (new & within).sum() > 0.9 * new.sum()
+
+
+@pytest.mark.slow
+def test_every_polyp_stands_in_air() -> None:
+    at = layout_of(PLAIN)
+    grid = grid_for(PLAIN, at, 0.8)
+    air = lumen_field(PLAIN, at, grid) > 0
+    for seed in range(4):
+        _, made = varied("polyps", PLAIN, np.random.default_rng(seed))
+        assert 2 <= len(made) <= 4
+        for one in made:
+            body = one.inside_mm(grid) > 0
+            assert (air & body).sum() > 0.2 * body.sum()
 
 
 def test_swollen_and_bowed_parts_are_beyond_the_normal_range() -> None:

@@ -12,11 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from naris.anatomy.builtin.field import grid_for, lumen_field
 from naris.anatomy.builtin.implicit import Field, Grid, smooth_max, smooth_min
+from naris.anatomy.builtin.layout import layout_of
 from naris.anatomy.builtin.parameters import NORMAL_RANGES, NoseParameters
+from naris.anatomy.builtin.walls import septum_centre_mm, septum_thickness_mm
 from naris.errors import InputError
 
 _ROUND_MM = 1.0
+_THROUGH = 0.7  # share of the radius across, at which a hole still has 0.7 of its height and length
+_COARSE_MM, _DRAWS, _IN_AIR = 1.0, 60, 0.3  # a polyp is drawn until so much of it stands in air
 _BEYOND = 0.5  # of the way from the end of the normal range to what the generator accepts, at least
 
 
@@ -41,12 +46,15 @@ class Alteration:
         if not np.isfinite([*self.centre_mm, *self.radii_mm]).all() or min(self.radii_mm) <= 0:
             raise InputError("a finite centre and radii above 0", f"{self}", "correct the alteration")
 
-    def __call__(self, lumen: Field, grid: Grid) -> Field:
-        """The lumen with it."""
+    def inside_mm(self, grid: Grid) -> Field:
+        """Positive inside, about the distance to its wall near it: as exact as the radii are alike."""
         axes = (grid.x, grid.y, grid.z)
         square = sum(((axis - c) / r) ** 2 for axis, c, r in zip(axes, self.centre_mm, self.radii_mm, strict=True))
-        # About the distance to the wall near it: as exact as the radii are alike.
-        inside = ((1 - np.sqrt(square)) * min(self.radii_mm)).astype(np.float32)
+        return ((1 - np.sqrt(square)) * min(self.radii_mm)).astype(np.float32)
+
+    def __call__(self, lumen: Field, grid: Grid) -> Field:
+        """The lumen with it."""
+        inside = self.inside_mm(grid)
         return smooth_max(lumen, inside, _ROUND_MM) if self.air else smooth_min(lumen, -inside, _ROUND_MM)
 
 
@@ -73,10 +81,15 @@ def concha_bullosa(p: NoseParameters, rng: np.random.Generator) -> Changed:
 
 def septal_perforation(p: NoseParameters, rng: np.random.Generator) -> Changed:
     """A hole of 6 to 16 mm in the cartilage of the septum."""
-    along, up = rng.uniform(3.0, 8.0), rng.uniform(3.0, 6.0)
-    centre = (p.septum_deviation_mm / 2, float(rng.uniform(-20, -8)), float(rng.uniform(-8, 0)))
-    thick = p.septum_thickness_mm + p.septal_swell_body_mm + abs(p.septum_deviation_mm)
-    return p, (Alteration(centre, (max(thick, 4.0), float(along), float(up)), air=True),)
+    along, up = float(rng.uniform(3.0, 8.0)), float(rng.uniform(3.0, 6.0))
+    y, z = float(rng.uniform(-20, -8)), float(rng.uniform(-8, 0))
+    at = layout_of(p)
+    here, height = np.array([y], np.float32), np.array([z], np.float32)
+    x = float(septum_centre_mm(p, at, here, height).item())
+    thick = float(septum_thickness_mm(p, at, here, height).item())
+    # Through the septum over most of the hole, and hardly beyond it.
+    across = (thick / 2 + 0.6) / _THROUGH
+    return p, (Alteration((x, y, z), (across, along, up), air=True),)
 
 
 def after_sinus_surgery(p: NoseParameters, rng: np.random.Generator) -> Changed:
@@ -94,15 +107,24 @@ def after_sinus_surgery(p: NoseParameters, rng: np.random.Generator) -> Changed:
 
 def polyps(p: NoseParameters, rng: np.random.Generator) -> Changed:
     """Two to four polyps of 4 to 9 mm that hang from the middle meatus, on one side or both."""
-    made = []
-    for _ in range(int(rng.integers(2, 5))):
+    at = layout_of(p)
+    grid = grid_for(p, at, _COARSE_MM)
+    air = lumen_field(p, at, grid) > 0
+    lateral = np.abs(grid.x) > 0.4 * p.middle_meatus_half_width_mm
+    meatus = air & lateral & (grid.y > -16) & (grid.y < 6) & (grid.z > -4) & (grid.z < 6)
+    places = np.argwhere(meatus)
+    made: list[Alteration] = []
+    wanted = int(rng.integers(2, 5))
+    for _ in range(_DRAWS):
+        if len(made) == wanted or not len(places):
+            break
+        i, j, k = places[rng.integers(len(places))]
         radius = float(rng.uniform(2.0, 4.5))
-        centre = (
-            _side(rng) * float(rng.uniform(0.6, 0.85)) * p.middle_meatus_half_width_mm,
-            float(rng.uniform(-16, 6)),
-            float(rng.uniform(-4, 5)),
-        )
-        made.append(Alteration(centre, (0.8 * radius, 1.2 * radius, radius), air=False))
+        centre = (float(grid.x_mm[i]), float(grid.y_mm[j]), float(grid.z_mm[k]))
+        polyp = Alteration(centre, (0.8 * radius, 1.2 * radius, radius), air=False)
+        body = polyp.inside_mm(grid) > 0
+        if body.any() and (air & body).sum() >= _IN_AIR * body.sum():
+            made.append(polyp)
     return p, tuple(made)
 
 

@@ -51,10 +51,9 @@ def virtual_patient(seed: int, number: int, variant: str | None = None) -> Anato
     for _ in range(_TRIES):
         parameters = drawn_parameters(rng)
         alterations: tuple[Alteration, ...] = ()
-        if variant is not None:
-            parameters, alterations = varied(variant, parameters, rng)
         try:
-            layout_of(parameters)
+            if variant is not None:
+                parameters, alterations = varied(variant, parameters, rng)
             return built_in_nose(parameters, alterations=alterations).with_(name=called)
         except InputError:
             continue
