@@ -88,9 +88,10 @@ def run(options: Options, console: Console) -> int:
             advance(1)
     data = {"seed": options.seed, "count": options.count, "made": made, "missing": missing, "folder": options.out}
     kept = options.count - len(made) - len(missing)
+    patients = "patient" if len(made) == 1 else "patients"
     already = f", {kept} were there already" if kept else ""
     none = f"; no nose came of {len(missing)} more, which stay missing" if missing else ""
-    console.answer(data, f"{len(made)} virtual patients made in {options.out}{already}{none}")
+    console.answer(data, f"{len(made)} virtual {patients} made in {options.out}{already}{none}")
     return SOME_MISSING if missing else 0
 
 

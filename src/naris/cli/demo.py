@@ -1,4 +1,6 @@
-"""See it work: a nose, pictures of it, a network trained on them, and a report. About five minutes on two cores."""
+"""See it work: a nose, pictures of it, a network that learns its way there, and a report. About five minutes on two
+cores.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from naris.cli.console import Console
 from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
-    from naris.report.data import ReportData
+    from naris.report.data import NetworkResult, ReportData
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,11 @@ def interrupted(options: Options) -> str:
     return f"what was made so far is in {options.out}; the same command goes on from there"
 
 
+def _model(network: NetworkResult, out: Path) -> Path:
+    """The folder of its first run."""
+    return out / network.key / f"seed-{network.training[0].seed}" if network.training else out / network.key
+
+
 def _told(data: ReportData, wall_s: float | None, out: Path) -> str:
     from naris.cli.experiments import REPORT, percent
     from naris.demo import FEW_PICTURES
@@ -64,8 +71,8 @@ def _told(data: ReportData, wall_s: float | None, out: Path) -> str:
         f"{hardest.label}: the compact network names {percent(ours) if ours else '–'} of the four regions{where}",
         f"the published two-layer network, on far fewer pictures than in the publication: "
         f"{percent(theirs) if theirs else '–'}",
-        f"{located} of {len(data.located)} pictures localised, {right} in the right region{took}",
-        f"report: {out / REPORT}",
+        f"of {len(data.located)} test pictures drawn at random {located} localised, {right} in the right region{took}",
+        f"report: {out / REPORT}; to use the network: naris locate PICTURE -m {_model(compact, out)}",
     ]
     if compact.pictures is not None and compact.pictures < FEW_PICTURES:
         lines.insert(

@@ -315,7 +315,7 @@ def _located(data: ReportData) -> str:
         parts.append(f"{counted(len(answered) - len(known))} whose truth nobody knows")
     if len(data.located) > len(answered):
         parts.append(f"{counted(len(data.located) - len(answered))} for which the honest answer was “not localised”")
-    return f"Located as examples: {', '.join(parts)}."
+    return f"Located as examples, drawn at random from each region: {', '.join(parts)}."
 
 
 def _near(split: Split) -> str:
