@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from naris.core.pose import Pose
 from naris.errors import PoseError
+from naris.render.directions import tilted
 
 NEIGHBOUR_MM = 2.0
 NEIGHBOUR_DEG = 15.0
@@ -36,21 +37,10 @@ def turned_away(of: Pose, views: Pose, rng: np.random.Generator) -> Pose:
         apart_mm = np.linalg.norm(position_mm[:, None] - of.position_mm[None], axis=-1)
         nearest = np.where(apart_mm < NEIGHBOUR_MM, forward @ of.forward.T, -np.inf).argmax(axis=1)
         past_deg = NEIGHBOUR_DEG + _PAST_DEG * (1 + turn) + _SPREAD_DEG * np.abs(rng.standard_normal(len(near)))
-        goal = _around(of.forward[nearest], np.deg2rad(past_deg), rng)
+        goal = tilted(of.forward[nearest], np.deg2rad(past_deg), rng)
         matrix[near, :3, :3] = _least_turn(forward, goal) @ views.rotation[near]
         near = near[neighbours(of, Pose(matrix[near], views.target, views.source))]
     return Pose(matrix, views.target, views.source)
-
-
-def _around(
-    axis: Float[np.ndarray, "n 3"], angle_rad: Float[np.ndarray, "n"], rng: np.random.Generator
-) -> Float[np.ndarray, "n 3"]:
-    """Unit vectors so far off each axis, to a random side."""
-    across = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    side_rad = rng.uniform(0, 2 * np.pi, len(axis))[:, None]
-    side = np.cos(side_rad) * across + np.sin(side_rad) * np.cross(axis, across)
-    return np.cos(angle_rad)[:, None] * axis + np.sin(angle_rad)[:, None] * side
 
 
 def _least_turn(start: Float[np.ndarray, "n 3"], goal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
