@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
@@ -30,7 +31,7 @@ def two_rooms(neck_mm: float, room_mm: float = 7.0) -> np.ndarray:
 def test_a_cavity_behind_an_ostium_is_left_out() -> None:
     air = two_rooms(neck_mm=1.5)
     room = wall_mm(air, STEP_MM)
-    basins = basins_of(air, room)
+    basins = basins_of(air, room, STEP_MM)
     x = grid()[0]
     slit, ball = basins.part[16, 30, 30], basins.part[61, 30, 30]
     assert slit != ball
@@ -41,9 +42,37 @@ def test_a_cavity_behind_an_ostium_is_left_out() -> None:
 
 def test_a_wide_entrance_makes_it_one() -> None:
     air = two_rooms(neck_mm=5.5)
-    basins = basins_of(air, wall_mm(air, STEP_MM))
+    basins = basins_of(air, wall_mm(air, STEP_MM), STEP_MM)
     nasal = nasal_parts(basins, np.array([basins.part[16, 30, 30]]))[basins.part]
     assert nasal[air].mean() > 0.99
+
+
+def beside_a_slit(opening_mm: float) -> np.ndarray:
+    """A slit with a cavity of 3.2 mm half-width beside it, open to it over that length through a gap of 2.6 mm."""
+    x, y, z = grid()
+    slit = (np.abs(x + 14) < 2) & (np.abs(y) < 12) & (np.abs(z) < 12)
+    cavity = (np.abs(x) < 5) & (np.abs(y) < 12) & (np.abs(z) < 3.2)
+    gap = (x > -14) & (x < 0) & (np.abs(z) < 1.3) & (np.abs(y) < opening_mm / 2)
+    return slit | cavity | gap
+
+
+@pytest.mark.parametrize(("opening_mm", "is_nasal"), [(22.0, True), (3.0, False)])
+def test_a_cavity_open_over_a_large_area_is_nasal_but_not_where_sinuses_are(opening_mm: float, is_nasal: bool) -> None:
+    air = beside_a_slit(opening_mm)
+    basins = basins_of(air, wall_mm(air, STEP_MM), STEP_MM)
+    way, cavity = (np.array([basins.part[i, 30, 30]]) for i in (16, 45))
+    nowhere = np.zeros(len(basins.room_mm), bool)
+    inside = grid()[0] > -3
+    assert not nasal_parts(basins, way)[cavity].any()
+    assert nasal_parts(basins, way, nowhere)[basins.part][air & inside].mean() == float(is_nasal)
+    assert not nasal_parts(basins, way, ~nowhere)[cavity].any()
+
+
+def test_areas_count_the_faces_between_parts() -> None:
+    air = two_rooms(neck_mm=1.5)
+    basins = basins_of(air, wall_mm(air, STEP_MM), STEP_MM)
+    assert basins.size.sum() == air.size
+    assert basins.area_mm2.max() == pytest.approx(np.pi * 1.5**2, rel=0.4)
 
 
 @settings(deadline=None, max_examples=15)
@@ -51,7 +80,7 @@ def test_a_wide_entrance_makes_it_one() -> None:
 def test_parts_cover_the_air_and_necks_are_narrower_than_rooms(seed: int) -> None:
     air = gaussian_filter(np.random.default_rng(seed).standard_normal((24, 24, 24)), 2.0) > 0
     room = wall_mm(air, STEP_MM)
-    basins = basins_of(air, room)
+    basins = basins_of(air, room, STEP_MM)
     assert np.array_equal(basins.part > 0, air)
     assert (basins.neck_mm <= basins.room_mm[basins.pairs].min(axis=1) + 1e-6).all()
     assert (basins.pairs[:, 0] < basins.pairs[:, 1]).all()

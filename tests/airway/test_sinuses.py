@@ -21,6 +21,12 @@ PLACES_MM = {
 DEPTH_MM = 68.0
 
 
+def separate(part: np.ndarray) -> Basins:
+    """Parts that do not touch."""
+    size = np.bincount(part.ravel())
+    return Basins(part, np.ones(len(size)), np.zeros((0, 2), np.int64), np.zeros(0), np.zeros(0), size)
+
+
 def found(places_mm: np.ndarray, depth_mm: float, mirrored: bool = False) -> list[str | None]:
     """What parts are called that are cubes of 3 mm at these places, in a nose of that depth."""
     origin, step = np.array([-60.0, -20.0, -40.0]), 1.0
@@ -30,7 +36,7 @@ def found(places_mm: np.ndarray, depth_mm: float, mirrored: bool = False) -> lis
         i, j, k = np.rint((np.array([-x if mirrored else x, y, z]) - origin) / step).astype(int)
         part[i - 1 : i + 2, j - 1 : j + 2, k - 1 : k + 2] = number
     count = len(places_mm)
-    basins = Basins(part, np.ones(count + 1), np.zeros((0, 2), np.int64), np.zeros(0))
+    basins = separate(part)
     marks = {}
     for side, x in (("left", 8.0), ("right", -8.0)):
         marks[f"{side}.nostril"], marks[f"{side}.choana"] = np.array([x, 0, 0]), np.array([x, depth_mm, 15])
@@ -56,6 +62,6 @@ def test_a_mirrored_nose_has_its_sides_changed() -> None:
 def test_without_attached_air_nothing_changes() -> None:
     labels = np.zeros((4, 4, 4), np.uint8)
     labels[1] = 2
-    basins = Basins(labels.astype(np.int32), np.ones(3), np.zeros((0, 2), np.int64), np.zeros(0))
+    basins = separate(labels.astype(np.int32))
     block = Block(np.zeros(labels.shape, np.float32), np.zeros(3), 1.0)
     assert named(labels, ATTACHED, basins, block, {}) is labels

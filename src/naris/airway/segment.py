@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
-from scipy.ndimage import binary_dilation, distance_transform_edt, label
+from scipy.ndimage import binary_dilation, center_of_mass, distance_transform_edt, label
 
 from naris.airway.basins import Basins, basins_of, nasal_parts, wall_mm
 from naris.airway.block import TOUCHING, Block, block_of
 from naris.airway.boundary import air_level
 from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostril_mm, nostrils, room_air
-from naris.airway.sinuses import SINUSES, named
+from naris.airway.sinuses import SINUSES, Extent, named
 from naris.airway.ways import choana_row, pharynx_nodes, sides, ways_in
 from naris.core.volume import LPS, Volume
 from naris.ct.scan import Finding
@@ -90,7 +90,7 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     airway = _largest((block.hu < AIR_HU) & ~room)
     wall = wall_mm(airway, step_mm)
     openings, right, left = _two_ways(block, airway, room, wall, tip_mm)
-    basins = basins_of(airway, wall)
+    basins = basins_of(airway, wall, step_mm)
     labels = _labels(basins, airway, wall, right, left, block)
     labels[_along_skin(basins, airway, room) & (labels == ATTACHED)] = 0
     rims = {side: nostril_mm(openings[side], way, block) for side, way in (("right", right), ("left", left))}
@@ -159,7 +159,11 @@ def _labels(
     block: Block,
 ) -> UInt8[np.ndarray, "nx ny nz"]:
     through = np.unique(basins.part[tuple(np.concatenate([right, left]).T)])
-    nasal = nasal_parts(basins, through)[basins.part]
+    surely = nasal_parts(basins, through)[basins.part]
+    extent = _extent(right, left, choana_row(surely, wall, right, left), block)
+    middles = np.array(center_of_mass(basins.part > 0, basins.part, np.arange(1, len(basins.size))))
+    elsewhere = np.concatenate([[False], extent.beyond(block.points_mm(middles))])
+    nasal = nasal_parts(basins, through, elsewhere)[basins.part]
     row = choana_row(nasal, wall, right, left)
     front = nasal.copy()
     front[:, row:] = False
@@ -175,6 +179,16 @@ def _labels(
     labels[:, row:, low:][nasal[:, row:, low:]] = NASOPHARYNX
     labels[airway & ~nasal] = ATTACHED
     return labels
+
+
+def _extent(right: Int[np.ndarray, "n 3"], left: Int[np.ndarray, "m 3"], row: int, block: Block) -> Extent:
+    """About how a nose lies, from the ways to its choanae: their lowest node is near its floor."""
+    before = block.points_mm(
+        np.concatenate([way[way[:, 1] < max(row, int(way[:, 1].min()) + 1)] for way in (right, left)])
+    )
+    front = float(np.mean([block.points_mm(way[-1])[1] for way in (right, left)]))
+    depth = max(float(block.origin_mm[1] + block.step_mm * row) - front, 1.0)
+    return Extent(float(np.median(before[:, 0])), front, float(before[:, 2].min()), depth)
 
 
 def _grown(

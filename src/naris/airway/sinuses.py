@@ -9,9 +9,10 @@ the ethmoid vary more than any rule; what lies where none is expected stays with
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 from scipy.ndimage import center_of_mass
 
 from naris.airway.basins import Basins
@@ -33,6 +34,43 @@ _HIGH, _FRONT = 0.73, 0.65  # frontal sinuses lie above the one and before the o
 _BEHIND, _ABOVE = 0.92, 0.27  # the sphenoid lies behind the one and above the other
 _LOW, _BESIDE = 0.47, 0.2  # maxillary sinuses lie below the one and beside the other
 _ROOF, _NEAR = 0.36, 0.3  # ethmoid cells lie above the one and, as the sphenoid, nearer to the middle than the other
+_NASAL_ROOF, _CELLS, _CELLS_BESIDE = (
+    0.7,
+    0.45,
+    0.16,
+)  # no nasal cavity lies above the first, nor above the second so far
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How a nose lies in a scan: what places in it are told by, so that a small nose is as a large one.
+
+    Attributes:
+        middle_mm, front_mm, floor_mm: x of its middle, y where it begins and z of its floor, in LPS.
+        depth_mm: from there to the choanae.
+    """
+
+    middle_mm: float
+    front_mm: float
+    floor_mm: float
+    depth_mm: float
+
+    @staticmethod
+    def of(marks: Mapping[str, Float[np.ndarray, "3"]]) -> Extent:
+        """From nostrils, choanae and nasal floor of either side."""
+        choana = (marks["left.choana"] + marks["right.choana"]) / 2
+        front = min(float(marks[f"{side}.nostril"][1]) for side in ("left", "right"))
+        floor = min(float(marks[f"{side}.nasal floor"][2]) for side in ("left", "right"))
+        return Extent(float(choana[0]), front, floor, max(float(choana[1]) - front, 1.0))
+
+    def places(self, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """To the left of the middle, behind the front and above the floor, in units of the depth."""
+        return np.asarray((points_mm - [self.middle_mm, self.front_mm, self.floor_mm]) / self.depth_mm)
+
+    def beyond(self, points_mm: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+        """Where there are sinuses and no nasal cavity: above its roof, and to the side of its upper half."""
+        beside, _, up = self.places(points_mm).T
+        return np.asarray((up > _NASAL_ROOF) | ((up > _CELLS) & (np.abs(beside) > _CELLS_BESIDE)))
 
 
 def named(
@@ -63,12 +101,8 @@ def named(
 
 def _which(middles_mm: Float[np.ndarray, "n 3"], marks: Mapping[str, Float[np.ndarray, "3"]]) -> list[int | None]:
     """Places in `SINUSES`, None for what is none of them."""
-    choana = (marks["left.choana"] + marks["right.choana"]) / 2
-    front_mm = min(float(marks[f"{side}.nostril"][1]) for side in ("left", "right"))
-    floor_mm = min(float(marks[f"{side}.nasal floor"][2]) for side in ("left", "right"))
-    depth_mm = max(float(choana[1]) - front_mm, 1.0)
     found: list[int | None] = []
-    for x, y, z in (middles_mm - [choana[0], front_mm, floor_mm]) / depth_mm:
+    for x, y, z in Extent.of(marks).places(middles_mm):
         side, beside = int(x > 0), abs(x)
         if z < _MOUTH:
             found.append(None)
