@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from naris.airway.block import BEYOND_HU, block_of
 from naris.airway.face import nose_tip_mm
@@ -87,6 +88,19 @@ def test_a_mirrored_head_has_its_sides_changed(scan: Volume, airway: Airway) -> 
     mirrored = segment_airway(Volume(scan.hu, matrix))
     for one, other in ((LEFT, RIGHT), (RIGHT, LEFT), (NASOPHARYNX, NASOPHARYNX)):
         assert mirrored.volume_ml(one) == pytest.approx(airway.volume_ml(other), rel=0.03)
+
+
+@pytest.mark.parametrize(("axis", "degrees"), [(0, 12.0), (0, -12.0), (2, 8.0), (1, 10.0)])
+def test_a_scan_at_an_angle_holds_the_same_nose(scan: Volume, airway: Airway, axis: int, degrees: float) -> None:
+    """The same head, turned with its scan: nothing beyond the scan's corners is taken for the head or the room."""
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("xyz"[axis], degrees, degrees=True).as_matrix()
+    turned = segment_airway(Volume(scan.hu, turn @ scan.frame_T_index), COARSE_MM)
+    for label in (LEFT, RIGHT):
+        assert turned.volume_ml(label) == pytest.approx(airway.volume_ml(label), rel=0.1)
+    for name in ("left.nostril", "right.choana"):
+        back = np.linalg.inv(turn)[:3, :3] @ turned.landmarks_mm[name]
+        assert np.linalg.norm(back - airway.landmarks_mm[name]) < 4, name
 
 
 @pytest.mark.slow

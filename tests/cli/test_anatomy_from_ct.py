@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from naris.anatomy.builtin import built_in_nose
-from naris.anatomy.folder import load_anatomy
+from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.anatomy.virtual_ct import Scanner, virtual_ct
 from naris.cli import main
 from naris.core.volume import Volume
 from naris.ct.write import write_dicom, write_nrrd
+from tests.anatomy.shapes import sphere
 
 
 @pytest.mark.slow
@@ -53,6 +54,17 @@ def test_a_head_without_an_airway_is_an_honest_no(tmp_path: Path, capfd: pytest.
     assert told["usable"] is False
     assert told["reason"]
     assert not out.exists()
+
+
+def test_a_refusal_says_that_an_earlier_anatomy_is_still_there(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scan, out = tmp_path / "scan.nrrd", tmp_path / "nose"
+    write_nrrd(head_without_nostrils(), scan)
+    save_anatomy(sphere(), out)
+    assert main(["anatomy", "from-ct", str(scan), "-o", str(out), "--quiet"]) == 1
+    assert "still holds the anatomy of an earlier run" in capfd.readouterr().out
+    assert load_anatomy(out).name == sphere().name
 
 
 @pytest.mark.parametrize("what", ["nothing", "text", "one value"])

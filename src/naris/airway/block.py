@@ -5,16 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Num
+from jaxtyping import Float, Float32, Int, Num, UInt8
 from scipy.ndimage import affine_transform, gaussian_filter
 
 from naris.core.volume import Volume
 
-BEYOND_HU = 40
-"""What stands where the scan has nothing: soft tissue, so that no air is made up."""
+BEYOND_HU, ROOM_HU = 40, -1000
+"""What stands where the scan has nothing: soft tissue, so that no air is made up, but in front of it the air of the
+room."""
 
 TOUCHING = np.ones((3, 3, 3), dtype=bool)
 """Nodes that share a corner touch: slits of one node across stay whole."""
+
+WITHIN, FRONT, BEYOND = 0, 1, 2
+_EDGE = 1e-6  # of a voxel: a node nearer to the end of the scan may have its value or not, as numbers are rounded
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +67,8 @@ def block_of(
 ) -> Block:
     """The scan between two corners (or all of it), trilinear; where a step is wider than a voxel it is smoothed first.
 
-    Nodes beyond the scan get `BEYOND_HU`.
+    Nodes beyond the scan, as at the corners of one that lies at an angle, get `BEYOND_HU`, those before its front
+    `ROOM_HU`.
     """
     bounds = volume.bounds_mm
     low = bounds[0] if low_mm is None else np.maximum(low_mm, bounds[0])
@@ -79,4 +84,37 @@ def block_of(
     hu = affine_transform(
         values, to_old[:3, :3], to_old[:3, 3], shape, np.float32, 1, mode="constant", cval=BEYOND_HU, prefilter=False
     )
+    if not _upright(to_old):
+        hu[_sides_of(to_old, volume, shape) == FRONT] = ROOM_HU
     return Block(np.asarray(hu), low, step_mm)
+
+
+def sides_of(volume: Volume, block: Block) -> UInt8[np.ndarray, "nx ny nz"]:
+    """Which nodes of a block lie in the scan (`WITHIN`), straight in front of it (`FRONT`) or elsewhere (`BEYOND`)."""
+    return _sides_of(np.linalg.inv(volume.frame_T_index) @ block.frame_T_index, volume, block.hu.shape)
+
+
+def _upright(to_old: Float[np.ndarray, "4 4"]) -> bool:
+    """Whether the axes of the scan are those of the patient, so that a block within its bounds lies within it."""
+    axes = np.abs(to_old[:3, :3])
+    return bool((axes > 1e-6 * axes.max()).sum() == 3)
+
+
+def _sides_of(
+    to_old: Float[np.ndarray, "4 4"], volume: Volume, shape: tuple[int, ...]
+) -> UInt8[np.ndarray, "nx ny nz"]:
+    backwards = int(np.abs(to_old[:3, 1]).argmax())
+    to_back = bool(to_old[backwards, 1] > 0)
+    nodes = np.ogrid[tuple(slice(n) for n in shape)]
+    beside, before, behind = (np.zeros(shape, bool) for _ in range(3))
+    for axis, size in enumerate(volume.shape):
+        at = sum(to_old[axis, k] * nodes[k] for k in range(3)) + to_old[axis, 3]
+        low, high = at < _EDGE, at > size - 1 - _EDGE
+        if axis == backwards:
+            before, behind = (low, high) if to_back else (high, low)
+        else:
+            beside |= low | high
+    side = np.where(beside | behind, BEYOND, WITHIN).astype(np.uint8)
+    side[before & ~beside] = FRONT
+    side[before & beside] = BEYOND
+    return side

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import binary_dilation, distance_transform_edt, label, percentile_filter
 
-from naris.airway.block import TOUCHING, Block, block_of
+from naris.airway.block import BEYOND, TOUCHING, WITHIN, Block, block_of, sides_of
 from naris.core.volume import Volume
 from naris.errors import ScanError
 
@@ -46,15 +46,20 @@ def nose_tip_mm(volume: Volume) -> Float[np.ndarray, "3"]:
         ScanError: if there is no head with the room in front of it.
     """
     block = block_of(volume, _COARSE_MM)
-    head = ~room_air(block) & (block.hu >= AIR_HU)
+    sides = sides_of(volume, block)
+    known = sides == WITHIN
+    head = known & ~room_air(block) & (block.hu >= AIR_HU)
+    first = head.argmax(axis=1)
     there = head.any(axis=1)
-    if not there.any() or ((head.argmax(axis=1) == 0).mean() > _MOST_SHARE):
+    cut = there & (first == known.argmax(axis=1))  # where the scan begins in tissue
+    if not there.any() or cut.sum() > _MOST_SHARE * known.any(axis=1).sum():
         raise ScanError(
             "a head with air in front of the face",
             "none" if not there.any() else "tissue up to the front of the scan",
             "give a CT that holds the whole nose",
         )
-    front = np.where(there, head.argmax(axis=1), head.shape[1])
+    beside = np.take_along_axis(sides, np.maximum(first - 1, 0)[:, None], axis=1)[:, 0] == BEYOND
+    front = np.where(there & ~(cut & beside), first, head.shape[1])
     even = percentile_filter(front, 20, size=5)  # single voxels of noise or a cable are no nose
     foremost = np.argwhere(even * _COARSE_MM <= even.min() * _COARSE_MM + _TIP_MM)
     x, z = foremost.mean(axis=0)

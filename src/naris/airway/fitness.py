@@ -66,28 +66,45 @@ class Fitness:
 
 def inspect_scan(scan: Scan, step_mm: float = STEP_MM) -> Fitness:
     """Look at a scan and try to find the airway in it; a scan that will not do is an answer, no error."""
+    airway = _found(scan.volume, step_mm)
+    if isinstance(airway, str):
+        reach_mm, findings = look_at(scan)
+        return Fitness(airway, reach_mm, {}, _metal(scan.volume)[0], 0.0, findings)
+    reach_mm, findings = look_at(scan, airway)
+    volumes = {name: round(airway.volume_ml(number + 1), 2) for number, name in enumerate(SEGMENTS)}
+    mouth_ml = _mouth_ml(airway, _floor_mm(airway), airway.landmarks_mm["anterior tip"])
+    return Fitness(None, reach_mm, volumes, _metal(scan.volume)[0], mouth_ml, findings)
+
+
+def look_at(scan: Scan, airway: Airway | None = None) -> tuple[dict[str, float], tuple[Finding, ...]]:
+    """How far a scan reaches beyond the tip of the nose (empty where it shows none), and what its user should know.
+
+    Args:
+        scan: as it was read.
+        airway: what was found in it, if anything.
+    """
     findings = [*scan.findings, *_coarse(scan)]
     metal_ml, highest_mm = _metal(scan.volume)
     try:
-        tip_mm = nose_tip_mm(scan.volume)
-    except ScanError as error:
-        return Fitness(str(error), {}, {}, metal_ml, 0.0, (*findings, *_metal_told(metal_ml, highest_mm, None)))
+        tip_mm = nose_tip_mm(scan.volume) if airway is None else airway.landmarks_mm["anterior tip"]
+    except ScanError:
+        return {}, (*findings, *_metal_told(metal_ml, highest_mm, None))
     reach_mm = _reach_mm(scan.volume, tip_mm)
     findings += _cut_off(reach_mm)
-    airway = _found(scan.volume, step_mm)
-    if isinstance(airway, str):
-        findings += _metal_told(metal_ml, highest_mm, None)
-        return Fitness(airway, reach_mm, {}, metal_ml, 0.0, tuple(findings))
-    floor_mm = min(float(airway.landmarks_mm[f"{side}.nasal floor"][2]) for side in ("left", "right"))
+    if airway is None:
+        return reach_mm, (*findings, *_metal_told(metal_ml, highest_mm, None))
+    floor_mm = _floor_mm(airway)
     findings += _metal_told(metal_ml, highest_mm, floor_mm)
     mouth_ml = _mouth_ml(airway, floor_mm, tip_mm)
     if mouth_ml > _MOUTH_ML:
         told = f"an open mouth: {mouth_ml:.0f} ml of air below the palate, joined to the pharynx, were cut off"
         findings.append(Finding("open mouth", told))
-    volumes = {name: round(airway.volume_ml(number + 1), 2) for number, name in enumerate(SEGMENTS)}
     known = {one.code for one in findings}
-    findings += [one for one in airway.findings if one.code not in known]
-    return Fitness(None, reach_mm, volumes, metal_ml, mouth_ml, tuple(findings))
+    return reach_mm, (*findings, *(one for one in airway.findings if one.code not in known))
+
+
+def _floor_mm(airway: Airway) -> float:
+    return min(float(airway.landmarks_mm[f"{side}.nasal floor"][2]) for side in ("left", "right"))
 
 
 def _found(volume: Volume, step_mm: float) -> Airway | str:

@@ -20,6 +20,7 @@ from naris.airway.basins import Basins, basins_of, nasal_parts, wall_mm
 from naris.airway.block import TOUCHING, Block, block_of
 from naris.airway.boundary import air_level
 from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostril_mm, nostrils, room_air
+from naris.airway.plausible import check_plausible
 from naris.airway.sinuses import SINUSES, Extent, named
 from naris.airway.ways import choana_row, pharynx_nodes, sides, ways_in
 from naris.core.volume import LPS, Volume
@@ -39,6 +40,7 @@ _CLIPPED_MM = 1.0
 _GROWN_MM = 1.0
 _LEAST_ROWS = 20
 _SKIN = 0.1
+_NOSTRILS_MM = 12.0  # below the tip of the nose they have ended
 _THROUGH_MM = 4.0
 
 
@@ -97,10 +99,11 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     labels = named(labels, ATTACHED, basins, block, _landmarks(block, labels, wall, rims, tip_mm))
     level = air_level(block)
     labels = _grown(labels, level, room, step_mm)
-    findings = []
+    landmarks = _landmarks(block, labels, wall, rims, tip_mm)
+    cavities = {"right": labels == RIGHT, "left": labels == LEFT}
+    findings = check_plausible(volume, block, cavities, labels == NASOPHARYNX, wall, landmarks)
     if tip_mm[1] - volume.bounds_mm[0, 1] < _CLIPPED_MM:
         findings.append(Finding("clipped nose", "the scan begins at the tip of the nose, which may be cut", "warning"))
-    landmarks = _landmarks(block, labels, wall, rims, tip_mm)
     return Airway(labels, block, level, landmarks, tuple(findings))
 
 
@@ -133,12 +136,7 @@ def _two_ways(
     openings = nostrils(block, airway, room, tip_mm)
     goals = pharynx_nodes(block, airway, tip_mm)
     if len(openings) < 2 or not len(goals):
-        missing = "no air of the pharynx" if not len(goals) else f"{len(openings)} open nostrils"
-        raise ScanError(
-            "two open nostrils and the pharynx behind them",
-            missing,
-            "give a CT that holds the nose from the nostrils to the pharynx, or segment it by hand",
-        )
+        raise _without(block, openings, tip_mm)
     pair = sorted(openings[:2], key=lambda one: float(one.middle[0]))  # x grows to the left
     ways = ways_in(wall, pair, goals)
     if len(ways) < 2:
@@ -148,6 +146,25 @@ def _two_ways(
             "the other side may be packed or blocked: segment it by hand",
         )
     return {"right": pair[0], "left": pair[1]}, ways[0], ways[1]
+
+
+def _without(block: Block, openings: list[Opening], tip_mm: Float[np.ndarray, "3"]) -> ScanError:
+    """Why a scan without two open nostrils and a pharynx will not do, as far as can be seen."""
+    expected = "two open nostrils and the pharynx behind them"
+    below_mm = float(tip_mm[2] - block.origin_mm[2])
+    if len(openings) >= 2:
+        return ScanError(expected, "no air of the pharynx", "give a CT that reaches 90 mm behind the tip of the nose")
+    if below_mm < _NOSTRILS_MM:
+        got = f"a scan that ends {below_mm:.0f} mm below the tip of the nose"
+        return ScanError(expected, got, "give one that holds the nostrils and the nasal floor")
+    if not openings:
+        hint = "both may be packed, or this is no head: give a CT of an open nose, or segment it by hand"
+        return ScanError(expected, "no open nostril", hint)
+    side = "left" if block.points_mm(openings[0].middle)[0] > tip_mm[0] else "right"
+    other = "right" if side == "left" else "left"
+    return ScanError(
+        expected, f"one on the {side}", f"the {other} side may be packed or swollen shut: segment it by hand"
+    )
 
 
 def _labels(

@@ -40,6 +40,7 @@ class Options:
 
 def run(options: Options, console: Console) -> int:
     """Reads, segments, makes the surface and keeps all of it; exit status 1 where there is no usable airway."""
+    from naris.airway.fitness import look_at
     from naris.airway.segment import segment_airway
     from naris.airway.segments import write_segments
     from naris.anatomy.folder import check_folder, save_anatomy
@@ -59,17 +60,38 @@ def run(options: Options, console: Console) -> int:
             advance(1)
             made = anatomy_of_airway(airway, options.name, _source(scan, options.step_mm), attached=options.sinuses)
             advance(1)
-        except (ScanError, PoseError, SurfaceError) as error:
-            data = {"usable": False, "reason": str(error), "findings": [f.to_json() for f in scan.findings]}
-            console.answer(data, f"no usable airway: {error}\nnothing was kept")
-            return NO_AIRWAY
+        except (ScanError, SurfaceError) as error:
+            return _no_airway(str(error), look_at(scan)[1], options.out, console)
+        except PoseError:
+            reason = (
+                "expected a way for a camera from both nostrils to the nasopharynx, got none; the nose is too narrow"
+            )
+            return _no_airway(reason, look_at(scan, airway)[1], options.out, console)
+        findings = tuple(dict.fromkeys((*look_at(scan, airway)[1], *made.findings)))
+        for name in (
+            SEGMENTATION,
+            PICTURE,
+        ):  # of an earlier run: stopped here, no anatomy stands beside those of another
+            (options.out / name).unlink(missing_ok=True)
         save_anatomy(made.anatomy, options.out)
         write_segments(airway, options.out / SEGMENTATION)
-        data = _describe(made, airway, (*scan.findings, *made.findings), options.out)
+        data = _describe(made, airway, findings, options.out)
         _write_picture(made, airway, data, options.out)
         advance(1)
     console.answer(data, _text(data))
     return 0
+
+
+def _no_airway(reason: str, findings: tuple[Finding, ...], out: Path, console: Console) -> int:
+    """The honest answer; what an earlier run kept in the folder is not of this scan."""
+    from naris.anatomy.folder import DESCRIPTION
+
+    earlier = (out / DESCRIPTION).is_file()
+    kept = f"nothing was kept, and {out} still holds the anatomy of an earlier run" if earlier else "nothing was kept"
+    data = {"usable": False, "reason": reason, "findings": [one.to_json() for one in findings], "earlier": earlier}
+    told = [f"no usable airway: {reason}", *(f"  {one.weight}: {one.text}" for one in findings), kept]
+    console.answer(data, "\n".join(told))
+    return NO_AIRWAY
 
 
 def interrupted(options: Options) -> str:
