@@ -21,7 +21,7 @@ from tests.anatomy.shapes import sphere
 @pytest.mark.slow
 def test_a_series_becomes_an_anatomy_that_other_verbs_open(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     series, out = tmp_path / "JOHN_DOE", tmp_path / "nose"
-    write_dicom(virtual_ct(built_in_nose(), Scanner(spacing_mm=(0.6, 0.6, 1.0))), series, "a nose")
+    write_dicom(virtual_ct(built_in_nose(), Scanner(spacing_mm=(0.6, 0.6, 1.0), tilt_deg=9)), series, "a nose")
     assert main(["anatomy", "from-ct", str(series), "-o", str(out), "--step-mm", "0.8", "--json", "--quiet"]) == 0
     told = json.loads(capfd.readouterr().out)
     anatomy = load_anatomy(out)

@@ -43,9 +43,11 @@ def even(hu: Int16[np.ndarray, "ni nj nk"], stack: Stack) -> tuple[Int16[np.ndar
 
 
 def upright(volume: Volume) -> Volume:
-    """The scan of a tilted gantry on a lattice at right angles that holds all of it; `AIR_HU` where it has nothing.
+    """The scan of a tilted gantry on a lattice at right angles that holds all of it.
 
-    The first two axes and their spacing stay; the third becomes their normal. Trilinear through the true matrix.
+    The first two axes and their spacing stay; the third becomes their normal. Trilinear through the true matrix. In the
+    wedges where the scan has nothing stands the nearest value of its edge: any one value would be a cavity of air or a
+    wall that is not there.
     """
     axes, spacing = volume.axes.copy(), volume.spacing_mm.copy()
     normal = np.cross(axes[:, 0], axes[:, 1])
@@ -61,7 +63,7 @@ def upright(volume: Volume) -> Volume:
     matrix[:3, 3] = axes @ (low * spacing)
     old = np.linalg.inv(volume.frame_T_index) @ matrix
     hu = affine_transform(
-        volume.hu, old[:3, :3], old[:3, 3], output_shape=shape, order=1, mode="constant", cval=AIR_HU, prefilter=False
+        volume.hu, old[:3, :3], old[:3, 3], output_shape=shape, order=1, mode="nearest", prefilter=False
     )
     return Volume(hu, matrix, volume.frame)
 
