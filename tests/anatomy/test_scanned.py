@@ -67,7 +67,9 @@ def test_what_opens_into_the_nose_is_kept_when_asked() -> None:
     labels[8:16, 20:40, 18:34] = ATTACHED
     block = Block(np.zeros(labels.shape, np.float32), np.zeros(3), 0.5)
     level = np.where(labels > 0, 300.0, -300.0).astype(np.float32)
-    landmarks = {"left.nostril": np.array([6.0, 3.0, 6.0]), "nasopharynx": np.array([6.0, 34.0, 6.0])}
+    ends = {f"{side}.{name}": np.array([6.0 + x, y, 6.0]) for side, x in (("left", 1), ("right", -1))
+            for name, y in (("nostril", 3.0), ("choana", 30.0))}  # fmt: skip
+    landmarks = {**ends, "nasopharynx": np.array([6.0, 34.0, 6.0])}
     airway = Airway(labels, block, level, landmarks)
     volumes = [
         check_surface(one.anatomy.vertices_mm, one.anatomy.faces).volume_ml

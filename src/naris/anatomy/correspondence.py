@@ -156,7 +156,7 @@ def _refined(
         at_mm = mapped(change)
         slope = reference.gradient(at_mm) * (np.abs(reference(at_mm)) < _FAR_MM)[:, None]
         jacobian = (basis[:, :, None] * slope[:, None, :]).reshape(len(points), 12)
-        step = np.linalg.lstsq(jacobian, -off, rcond=None)[0].reshape(4, 3)
+        step = np.linalg.lstsq(jacobian.T @ jacobian, -jacobian.T @ off, rcond=None)[0].reshape(4, 3)
         for _ in range(6):
             tried = missed(mapped(change + step))
             if tried @ tried < off @ off:

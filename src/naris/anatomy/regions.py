@@ -14,12 +14,16 @@ from jaxtyping import Int
 
 from naris.core.anatomy import Anatomy, GridRegions, RegionSet, SlabRegions
 from naris.core.atomic import write_json
+from naris.core.nasal_frame import NasalFrame
 from naris.core.pose import Pose
 from naris.errors import RegionError
 
 SCHEMA = "naris.regions/1"
 PAPER_BORDERS_MM = (-30.0, -15.0, 0.0)
+PAPER_DEPTHS = (0.13, 0.35, 0.58)
+"""Where those borders lie in a nose: shares of the way in, from the nostrils to the choanae."""
 PAPER_NAMES = ("slab 1 (anterior)", "slab 2", "slab 3", "slab 4 (posterior)")
+_AROUND_MM = 4.0
 _MOST_VOXELS = 500_000_000
 
 
@@ -51,6 +55,24 @@ def even_slabs(anatomy: Anatomy, count: int = 4, axis: int = 1) -> SlabRegions:
     borders = tuple(float(border) for border in np.linspace(low, high, count + 1)[1:-1])
     names = tuple(f"slab {number + 1}" for number in range(count))
     return SlabRegions("slabs", names, anatomy.frame, axis=axis, borders_mm=borders)
+
+
+def nasal_slabs(anatomy: Anatomy) -> GridRegions:
+    """The paper's four slabs in the coordinates of a nose (`NasalFrame`): borders at the same shares of its depth.
+
+    Where the built-in nose has the paper's borders, at 13, 35 and 58 % of the way in from the nostrils to the choanae;
+    on a grid of 1 mm around the anatomy.
+
+    Raises:
+        InputError: if the anatomy has not the landmarks for it.
+    """
+    nasal = NasalFrame.of(anatomy.landmarks_mm)
+    origin = np.floor(anatomy.bounds_mm[0]) - _AROUND_MM
+    shape = np.ceil(anatomy.bounds_mm[1] + _AROUND_MM - origin).astype(int) + 1
+    nodes = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), axis=-1) + origin
+    borders = np.array(PAPER_DEPTHS) * nasal.depth_mm
+    labels = np.searchsorted(borders, nasal.coordinates_mm(nodes)[..., 1], side="left").astype(np.int8)
+    return GridRegions("paper", PAPER_NAMES, anatomy.frame, labels, origin, 1.0)
 
 
 def region_of_viewpoints(regions: RegionSet, anatomy_T_camera: Pose) -> Int[np.ndarray, "*batch"]:

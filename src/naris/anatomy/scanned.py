@@ -11,7 +11,7 @@ from naris.airway.segment import NOSE, Airway
 from naris.anatomy.checks import check_surface, faces_of_piece, pieces_of
 from naris.anatomy.level_set import only_lumen, surface, taubin
 from naris.anatomy.passages import find_passages
-from naris.anatomy.regions import even_slabs
+from naris.anatomy.regions import nasal_slabs
 from naris.core.anatomy import Anatomy
 from naris.core.volume import LPS
 from naris.ct.scan import Finding
@@ -43,7 +43,7 @@ class ScannedAnatomy:
 
 
 def anatomy_of_airway(airway: Airway, name: str, source: str, *, attached: bool = False) -> ScannedAnatomy:
-    """The nose that was found in a scan, as an anatomy, with four even slabs from front to back as its regions.
+    """The nose that was found in a scan, as an anatomy, with the paper's four slabs from front to back as its regions.
 
     Where the air was cut (nostrils, pharynx, sinuses) the surface goes half-way between the nodes on either side.
 
@@ -70,7 +70,7 @@ def anatomy_of_airway(airway: Airway, name: str, source: str, *, attached: bool 
             Finding("many handles", f"{report.genus} tunnels through thin walls, some of them may be noise", "warning")
         )
     bare = Anatomy(vertices, faces, LPS, name, source, landmarks_mm=dict(airway.landmarks_mm))
-    slabs = even_slabs(bare)
+    slabs = nasal_slabs(bare)
     bare = bare.with_(regions={slabs.name: slabs})
     return ScannedAnatomy(bare.with_(passages=find_passages(bare)), report.genus, moved_mm, tuple(findings))
 

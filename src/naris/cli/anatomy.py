@@ -90,7 +90,20 @@ def _describe(anatomy: Anatomy) -> dict[str, Any]:
         "regions": {name: list(one.names) for name, one in anatomy.regions.items()},
         "passages": [_passage(one) for one in anatomy.passages],
         "landmarks_mm": {name: point.tolist() for name, point in anatomy.landmarks_mm.items()},
+        "nasal_frame": nasal_frame(anatomy),
     }
+
+
+def nasal_frame(anatomy: Anatomy) -> dict[str, Any] | None:
+    """The coordinates that mean the same in every nose, where the landmarks tell them."""
+    from naris.core.nasal_frame import NasalFrame
+    from naris.errors import InputError
+
+    try:
+        found = NasalFrame.of(anatomy.landmarks_mm)
+    except InputError:
+        return None
+    return {"depth_mm": round(found.depth_mm, 2), "frame_T_nasal": found.frame_T_nasal.tolist()}
 
 
 def _passage(passage: Passage) -> dict[str, Any]:
@@ -122,6 +135,8 @@ def _text(data: dict[str, Any]) -> str:
     lines = [data["name"], *(f"  {label:<10}{told}" for label, told in _facts(data).items())]
     for name, names in data["regions"].items():
         lines.append(f"  regions {name}: {', '.join(names)}")
+    if data["nasal_frame"]:
+        lines.append(f"  nose      {data['nasal_frame']['depth_mm']:.0f} mm from the nostrils in to the choanae")
     for one in data["passages"]:
         room = f"room {one['clearance_least_mm']:.2f}–{one['clearance_most_mm']:.2f} mm to the wall"
         lines.append(f"  passage {one['name']}: {one['length_mm']:.0f} mm, {room}")

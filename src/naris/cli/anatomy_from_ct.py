@@ -112,6 +112,7 @@ def _source(scan: Scan, step_mm: float) -> str:
 
 def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...], folder: Path) -> dict[str, Any]:
     from naris.airway.segment import SEGMENTS
+    from naris.cli.anatomy import nasal_frame
 
     return {
         "usable": True,
@@ -125,6 +126,7 @@ def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...
         "smoothed_mm": {"mean": round(float(made.moved_mm.mean()), 3), "most": round(float(made.moved_mm.max()), 3)},
         "passages": [{"name": one.name, "length_mm": round(one.length_mm, 1)} for one in made.anatomy.passages],
         "landmarks_mm": {name: point.round(2).tolist() for name, point in made.anatomy.landmarks_mm.items()},
+        "nasal_frame": nasal_frame(made.anatomy),
         "findings": [one.to_json() for one in findings],
         "folder": folder,
         "segmentation": folder / SEGMENTATION,
@@ -147,9 +149,11 @@ def _write_picture(made: ScannedAnatomy, airway: Airway, data: dict[str, Any], f
 
 def _text(data: dict[str, Any]) -> str:
     lines = [data["name"], f"  from      {data['source']}"]
-    lines += [f"  {name:<24}{ml:6.1f} ml" for name, ml in data["volume_ml"].items()]
+    lines += [f"  {name:<24}{ml:6.1f} ml" for name, ml in data["volume_ml"].items() if ml]
     lines.append(f"  surface   {data['faces']:,} faces, closed, genus {data['genus']}")
     lines += [f"  {one['weight']}: {one['text']}" for one in data["findings"]]
-    lines.append(f"  regions   four even slabs; for anatomical ones: naris anatomy transfer {data['folder']} -o DIR")
+    lines.append(
+        f"  regions   the paper's four slabs; for anatomical ones: naris anatomy transfer {data['folder']} -o DIR"
+    )
     lines.append(f"kept in {data['folder']}, picture in {data['picture']}, for 3D Slicer {data['segmentation']}")
     return "\n".join(lines)

@@ -68,6 +68,6 @@ def _text(data: dict[str, Any]) -> str:
     if data["reach_mm"]:
         reach = ", ".join(f"{name} {mm:.0f} mm" for name, mm in data["reach_mm"].items())
         lines.append(f"  beyond the tip of the nose: {reach}")
-    lines += [f"  {name:<24}{ml:6.1f} ml" for name, ml in data["volume_ml"].items()]
+    lines += [f"  {name:<24}{ml:6.1f} ml" for name, ml in data["volume_ml"].items() if ml]
     lines += [f"  {one['weight']}: {one['text']}" for one in data["findings"]]
     return "\n".join(lines)
