@@ -19,6 +19,7 @@ from naris.bench.anatomy import (
     apart_mm,
     compared,
     dice,
+    kept,
     measure,
 )
 from naris.bench.carried import of_transfers, references_of
@@ -79,7 +80,7 @@ def test_a_trip_that_finds_no_nose_stops_no_other(monkeypatch: pytest.MonkeyPatc
     def trip(seed: int, number: int, references: object) -> Trip:
         if number == 0:
             raise ScanError("two open nostrils", "one", "give another")
-        return Trip(np.full(4, 0.1 * number), {"left.nostril": 1.0 * number}, 0)
+        return Trip(np.full(4, 0.1 * number), {"left.nostril": 1.0 * number}, 0, {"left": 1 - number / 10})
 
     monkeypatch.setattr("naris.bench.anatomy.round_trip", trip)
     monkeypatch.setattr("naris.bench.anatomy.references_of", lambda request: [])
@@ -100,6 +101,19 @@ def test_a_nose_found_in_its_own_scan_is_near_itself() -> None:
     assert trip.off_mm.mean() < 0.15
     assert max(trip.landmarks_mm.values()) < 5.0
     assert trip.genus == 0
+    assert len(trip.kept) == 13
+    assert min(trip.kept.values()) > 0.9
+
+
+def test_a_region_that_is_lost_is_seen() -> None:
+    """The nose without what lies on the left above the inferior meatus: most of two regions, and no other."""
+    nose = simulated_head.nose()
+    low = nose.vertices_mm.copy()
+    lost = (low[:, 0] > 2) & (low[:, 2] > -1)
+    low[lost, 2] = -1.0
+    shares = kept(nose.with_(vertices_mm=low), nose, np.stack([nose.landmarks_mm["left.nostril"]]))
+    assert shares["left superior meatus and olfactory cleft"] < 0.1
+    assert shares["right superior meatus and olfactory cleft"] > 0.99
 
 
 @pytest.mark.slow

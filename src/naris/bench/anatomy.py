@@ -49,6 +49,7 @@ EXPERT = {"right": (RIGHT, 3), "left": (LEFT, 4)}
 _SINUSES = {"right": 1, "left": 2}  # the expert's, maxillary
 
 _RESAMPLED = 2000
+_PLACES_MM, _ROOM_MM = 1.0, 1.0
 _OPEN_MM = 8.0  # around a nostril the truth ends where a scan goes on
 _POINTS = ("left.nostril", "right.nostril", "left.choana", "right.choana")
 _LOG = logging.getLogger(__name__)
@@ -62,12 +63,14 @@ class Trip:
         off_mm: distances between the surfaces, both ways, but near the nostrils.
         landmarks_mm: by name, how far each lies from where it was made.
         genus: of the surface that was found.
+        kept: by region of the truth, the share of a camera's places in it that lie in what was found.
         regions: how right those were that were carried to it; None where none were.
     """
 
     off_mm: Float[np.ndarray, "n"]
     landmarks_mm: Mapping[str, float]
     genus: int
+    kept: Mapping[str, float]
     regions: Right | None = None
 
 
@@ -112,7 +115,17 @@ def compared(truth: Anatomy, airway: Airway, made: ScannedAnatomy) -> Trip:
     """What was found in a scan of an anatomy beside that anatomy."""
     marks = {name: float(np.linalg.norm(airway.landmarks_mm[name] - truth.landmarks_mm[name])) for name in _POINTS}
     nostrils = np.stack([truth.landmarks_mm[f"{side}.nostril"] for side in EXPERT])
-    return Trip(apart_mm(made.anatomy, truth, nostrils), marks, made.genus)
+    return Trip(apart_mm(made.anatomy, truth, nostrils), marks, made.genus, kept(made.anatomy, truth, nostrils))
+
+
+def kept(found: Anatomy, truth: Anatomy, but_near_mm: Float[np.ndarray, "k 3"]) -> dict[str, float]:
+    """By anatomical region, the share of places with room for a camera that lie in what was found, nostrils apart."""
+    distance, of_found = signed_distance(truth, _PLACES_MM), signed_distance(found)
+    places = distance.origin_mm + distance.spacing_mm * np.argwhere(distance.values_mm > _ROOM_MM)
+    places = places[np.linalg.norm(places[:, None] - but_near_mm, axis=-1).min(axis=1) > _OPEN_MM]
+    regions = truth.region_set("anatomical")
+    label, inside = regions.label(places), of_found(places) > 0
+    return {name: float(inside[label == k].mean()) for k, name in enumerate(regions.names) if (label == k).any()}
 
 
 def apart_mm(
@@ -166,6 +179,14 @@ def _of_trips(trips: Sequence[Trip], refused: int) -> list[Figure]:
                 "lower",
             )
             for name in _POINTS
+        ),
+        Figure(f"{base}.kept", _mean(share for trip in trips for share in trip.kept.values()), "1", n, "higher"),
+        Figure(
+            f"{base}.kept_worst_region",
+            min((share for trip in trips for share in trip.kept.values()), default=None),
+            "1",
+            n,
+            "higher",
         ),
         *_of_regions([trip.regions for trip in trips if trip.regions is not None]),
         Figure(f"{base}.genus_most", float(max(trip.genus for trip in trips)) if n else None, "handles", n, "lower"),
