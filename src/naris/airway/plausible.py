@@ -21,7 +21,7 @@ _CUT_MM2 = 20.0  # of a nasal cavity on the end of the scan; the pharynx may be 
 _ROOMY_MM, _MOST_HU = 1.5, -800.0  # of the wall the air is air, whatever the scanner blurs
 _LEAST_DEPTH_MM, _MOST_DEPTH_MM = 35.0, 110.0  # from a nostril to its choana, from a small child on
 _SIDE_ML, _PHARYNX_ML = (1.5, 45.0), 60.0
-_UNEVEN = 2.5
+_UNEVEN, _VERY_UNEVEN = 1.7, 2.5
 _ENDS = (("right", "left"), ("front", "back"), ("bottom", "top"))
 _FRONT = (1, 0)
 
@@ -66,7 +66,7 @@ def check_plausible(
     if volumes[more] < _UNEVEN * volumes[less]:
         return []
     told = f"the {less} side holds {volumes[less]:.1f} ml of air, the {more} {volumes[more]:.1f}: packed or swollen?"
-    return [Finding("uneven sides", told, "warning")]
+    return [Finding("uneven sides", told, "warning" if volumes[more] > _VERY_UNEVEN * volumes[less] else "notice")]
 
 
 def _check_between(what: str, unit: str, found: float, low: float, high: float) -> None:
