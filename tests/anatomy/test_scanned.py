@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from naris.airway.block import Block
 from naris.airway.segment import ATTACHED, LEFT, NASOPHARYNX, Airway
 from naris.anatomy.checks import check_surface
+from naris.anatomy.crossings import crossings
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.scanned import MOST_MOVED_MM, ScannedAnatomy, anatomy_of_airway
 from naris.core.anatomy import Anatomy
@@ -80,3 +81,7 @@ def test_what_opens_into_the_nose_is_kept_when_asked() -> None:
     assert volumes[0] == pytest.approx(
         float(np.isin(labels, (LEFT, NASOPHARYNX)).sum()) * block.step_mm**3 / 1000, rel=0.15
     )
+
+
+def test_no_face_crosses_another(made: ScannedAnatomy) -> None:
+    assert len(crossings(made.anatomy.vertices_mm, made.anatomy.faces)) == 0

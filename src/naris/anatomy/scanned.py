@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int32
 
 from naris.airway.segment import NOSE, Airway
 from naris.anatomy.checks import check_surface, faces_of_piece, pieces_of
+from naris.anatomy.crossings import uncrossed
 from naris.anatomy.level_set import only_lumen, surface, taubin
 from naris.anatomy.passages import find_passages
 from naris.anatomy.regions import nasal_slabs
@@ -96,8 +97,9 @@ def _largest_piece(
 def _smoothed(
     rough: Float[np.ndarray, "v 3"], faces: Int32[np.ndarray, "f 3"]
 ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v"]]:
-    """Smoothed vertices and how far each was moved, at most `MOST_MOVED_MM`."""
+    """Smoothed vertices and how far each was moved, at most `MOST_MOVED_MM`; no face crosses another."""
     shift = taubin(rough, faces, _STEPS, _PASS_BAND) - rough
     moved = np.linalg.norm(shift, axis=1)
     shift *= np.minimum(1.0, MOST_MOVED_MM / np.maximum(moved, 1e-12))[:, None]
-    return rough + shift, np.minimum(moved, MOST_MOVED_MM)
+    vertices = uncrossed(rough, rough + shift, faces)
+    return vertices, np.minimum(np.linalg.norm(vertices - rough, axis=1), MOST_MOVED_MM)

@@ -16,6 +16,7 @@ from naris.anatomy.builtin.parameters import NoseParameters
 from naris.anatomy.builtin.regions import anatomical_regions
 from naris.anatomy.builtin.routes import routes
 from naris.anatomy.builtin.variants import Alteration, altered, told
+from naris.anatomy.crossings import uncrossed
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.level_set import only_lumen, softened, surface, taubin
 from naris.anatomy.passages import find_passages
@@ -37,7 +38,7 @@ class Shape:
     """The bare shape of a built-in nose, before anything is named in it.
 
     Attributes:
-        vertices_mm, faces: the closed surface, normals out of the lumen.
+        vertices_mm, faces: the closed surface, normals out of the lumen; no face crosses another.
         lumen: (nx, ny, nz) field on `grid`, positive in the air.
         at: where its parts lie.
     """
@@ -65,7 +66,8 @@ def shape_of(
     field = altered(lumen_field(parameters, at, grid), grid, alterations)
     lumen = only_lumen(softened(field, resolution_mm))
     vertices, faces = surface(lumen, grid.origin_mm, grid.spacing_mm)
-    return Shape(taubin(vertices, faces, _SMOOTHING_STEPS, _PASS_BAND), faces, lumen, grid, at)
+    smoothed = uncrossed(vertices, taubin(vertices, faces, _SMOOTHING_STEPS, _PASS_BAND), faces)
+    return Shape(smoothed, faces, lumen, grid, at)
 
 
 def built_in_nose(
