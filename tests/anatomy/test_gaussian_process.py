@@ -7,8 +7,10 @@ import pytest
 
 from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.checks import check_surface
+from naris.anatomy.crossings import crossings, uncrossed
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.gaussian_process import Deformation, GaussianProcess
+from naris.anatomy.nasal_cycle import NasalCycle
 from naris.anatomy.triangles import index_triangles
 from naris.core.anatomy import Anatomy
 from naris.errors import InputError
@@ -129,6 +131,49 @@ def test_the_nasal_cycle_swells_one_side_and_shrinks_the_other(nose: Anatomy) ->
     assert np.corrcoef(cycle, shares)[0, 1] < -0.95
     assert max(shares) - min(shares) > 0.04
     assert max(map(folded, found)) < 0.002
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("deformation", [Deformation(), Deformation(amplitude_mm=2.0), Deformation(cycle_mm=1.0)])
+def test_a_dozen_patients_do_not_cross_themselves(nose: Anatomy, deformation: Deformation) -> None:
+    process = GaussianProcess.around(nose, deformation)
+    assert process.crossings == 0
+    for number in range(12):
+        patient = process.patient(0, number)
+        assert len(crossings(patient.vertices_mm, patient.faces)) == 0
+
+
+@pytest.mark.slow
+def test_a_displacement_that_would_fold_space_does_not(nose: Anatomy) -> None:
+    """In one step it would; walked in several it does not, and goes as far."""
+    process = GaussianProcess.around(nose, Deformation(amplitude_mm=3.0, scale_mm=9.0, asymmetry=1.0, cycle_mm=0.0))
+    moved, crossed = [], 0
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        drawn = [rng.standard_normal((b.shape[1], n)) for b, n in zip(process.basis, (1, 2), strict=True)]
+        at_once = np.concatenate([b @ of for b, of in zip(process.basis, drawn, strict=True)], axis=1)
+        crossed += len(crossings(nose.vertices_mm + at_once, nose.faces))
+        vertices = process._deformed(drawn)
+        assert len(crossings(vertices, nose.faces)) == 0
+        moved.append(vertices - nose.vertices_mm)
+    assert crossed > 0
+    assert np.sqrt(np.mean(np.square(moved))) == pytest.approx(3.0, rel=0.1)
+
+
+def test_the_cycle_leaves_air_before_every_wall_and_tissue_behind_it(nose: Anatomy) -> None:
+    """However far it is asked to swell: the air that a wall swells into stays air, and the tissue behind stays."""
+    cycle = NasalCycle.of(nose, 1.0, 0.0)
+    distance = signed_distance(nose)
+    for size in (-5.0, 5.0):
+        shift = cycle.shift_mm(size)
+        way = -(shift * cycle.towards).sum(axis=1)
+        assert (way <= cycle.most_in_mm + 1e-9).all() and (way >= -cycle.most_out_mm - 1e-9).all()
+        there = distance.exact(nose.vertices_mm + shift)
+        far = np.abs(way) > 0.1
+        assert far.mean() > 0.3
+        assert (there[far] * np.sign(way[far]) > 0).mean() > 0.999
+        moved = uncrossed(nose.vertices_mm, nose.vertices_mm + shift, nose.faces)
+        assert (moved == nose.vertices_mm + shift).all(axis=1).mean() > 0.999
 
 
 @pytest.mark.parametrize("wrong", [{"amplitude_mm": -1.0}, {"scale_mm": 0.0}, {"asymmetry": 1.5}, {"cycle_mm": np.nan}])
