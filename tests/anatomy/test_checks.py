@@ -160,3 +160,16 @@ def test_a_flat_surface_has_no_inside(tmp_path):
     path = written(tmp_path / "flat.ply", flat, [[0, 1, 2], [2, 1, 0]])
     with pytest.raises(SurfaceError, match="inside"):
         read_surface(path)
+
+
+def test_crossings_are_looked_for_when_asked() -> None:
+    ball = trimesh.creation.icosphere(2, radius=20.0)
+    both = trimesh.util.concatenate([ball, ball.copy().apply_translation([15.0, 3.0, 1.0])])
+    vertices, faces = np.asarray(both.vertices), np.asarray(both.faces)
+    assert check_surface(vertices, faces).crossings is None
+    found = check_surface(vertices, faces, find_crossings=True)
+    assert found.crossing_faces is not None and found.crossings is not None
+    assert 10 < found.crossing_faces < len(faces) / 2
+    assert found.crossings >= found.crossing_faces / 2
+    one = check_surface(np.asarray(ball.vertices), np.asarray(ball.faces), find_crossings=True)
+    assert (one.crossings, one.crossing_faces) == (0, 0)

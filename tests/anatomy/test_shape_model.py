@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from naris.anatomy.builtin import built_in_nose
+from naris.anatomy.crossings import crossings
 from naris.anatomy.shape_model import (
     DESCRIPTION,
     MODES,
@@ -15,6 +18,7 @@ from naris.anatomy.shape_model import (
     load_shape_model,
     save_shape_model,
 )
+from naris.anatomy.transfer import virtual_references
 from naris.core.anatomy import Anatomy
 from naris.errors import InputError
 from tests.anatomy.test_correspondence import marked_tube, moved
@@ -51,6 +55,26 @@ def test_patients_are_of_the_family_and_the_same_again(model: ShapeModel) -> Non
     assert first.passages[0].clearance_mm.min() > 2
     assert set(first.landmarks_mm) == set(marked_tube().landmarks_mm)
     assert "shape model of 5 patients" in first.source
+
+
+@pytest.mark.slow
+def test_a_dozen_noses_drawn_do_not_cross_themselves() -> None:
+    model = build_shape_model(built_in_nose(), list(virtual_references(5))[1:])
+    for number in range(12):
+        nose = model.patient(0, number)
+        assert len(crossings(nose.vertices_mm, nose.faces)) == 0
+
+
+def test_a_draw_that_crosses_itself_is_passed_over(model: ShapeModel) -> None:
+    """A mode that slides a patch of the wall over its neighbours: what is drawn is near the mean."""
+    at = model.mean.vertices_mm
+    patch = np.linalg.norm(at - at[len(at) // 2], axis=1) < 2.0
+    mode = (8.0 * patch[:, None] * np.array([0.0, 1.0, 0.0])).astype(np.float32)
+    sliding = replace(model, modes_mm=mode[None], share=np.ones(1))
+    assert len(crossings(sliding.vertices_mm(np.ones(1)), model.mean.faces)) > 0
+    drawn = [sliding.patient(0, number) for number in range(6)]
+    assert all(len(crossings(one.vertices_mm, one.faces)) == 0 for one in drawn)
+    assert any("draw" in one.source for one in drawn)
 
 
 def test_a_model_on_disk_is_the_same(model: ShapeModel, tmp_path: Path) -> None:

@@ -53,11 +53,25 @@ def test_text_for_people(tube: Path, capfd) -> None:
     told = capfd.readouterr().out
     for word in (
         "a winding tube",
-        "closed, one piece, genus 0",
+        "closed, one piece, genus 0, no face crosses another",
         "regions slabs: one, two, three, four",
         "passage main",
     ):
         assert word in told
+
+
+def test_a_surface_that_passes_through_itself_is_told(surface: Path, capfd) -> None:
+    """A patch of the wall pushed out through the wall on the other side."""
+    tube = winding_tube()
+    middle = tube.vertices_mm[len(tube.vertices_mm) // 2]
+    patch = np.linalg.norm(tube.vertices_mm - middle, axis=1) < 2.0
+    inwards = -tube.vertex_normals[len(tube.vertices_mm) // 2]
+    write_surface(tube.with_(vertices_mm=tube.vertices_mm + 3 * RADIUS_MM * patch[:, None] * inwards), surface)
+    assert main(["anatomy", str(surface), "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["crossings"] >= told["crossing_faces"] / 2 > 4
+    assert main(["anatomy", str(surface)]) == 0
+    assert f"{told['crossing_faces']:,} faces cross others" in capfd.readouterr().out
 
 
 def test_an_inside_out_surface_is_turned_with_a_notice(surface: Path, tmp_path, capfd) -> None:

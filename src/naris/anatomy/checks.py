@@ -1,4 +1,4 @@
-"""Is a mesh a surface that a lumen can have: closed, wound one way, in one piece, in millimetres?"""
+"""Is a mesh a surface that a lumen can have: closed, wound one way, in one piece, free of crossings, in millimetres?"""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+from naris.anatomy.crossings import crossings
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "um": 0.001}
 """Millimetres in one of each unit."""
@@ -30,6 +32,8 @@ class SurfaceReport:
         genus: handles of the largest piece; None where it is not closed or not a manifold.
         bounds_mm: (2, 3) low and high corner.
         unit: the unit of the numbers, as far as the extent tells: see `unit_by_extent`.
+        crossings: pairs of faces that pass through each other; None where nobody asked.
+        crossing_faces: how many faces are in such pairs.
     """
 
     vertices: int
@@ -42,6 +46,8 @@ class SurfaceReport:
     genus: int | None
     bounds_mm: Float[np.ndarray, "2 3"]
     unit: str
+    crossings: int | None = None
+    crossing_faces: int | None = None
 
     @property
     def volume_ml(self) -> float:
@@ -57,13 +63,18 @@ class SurfaceReport:
         return float(np.ptp(self.bounds_mm, axis=0).max())
 
 
-def check_surface(vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> SurfaceReport:
+def check_surface(
+    vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], *, find_crossings: bool = False
+) -> SurfaceReport:
     """Looks a mesh over; refuses nothing (`read_surface` does).
 
     Args:
         vertices_mm: corners; every one should be used by a face.
         faces: three indices each.
+        find_crossings: look for faces that pass through each other, too; quick for a surface of small faces, endless
+            for heaps of large ones.
     """
+    wrong = crossings(vertices_mm, faces) if find_crossings else None
     balance, uses = _edges(len(vertices_mm), faces)
     piece = pieces_of(len(vertices_mm), faces)
     volumes = piece_volumes_ml(vertices_mm, faces, piece)
@@ -82,6 +93,8 @@ def check_surface(vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, 
         genus=_genus(faces, faces_of_piece(faces, piece, int(order[0]))) if manifold else None,
         bounds_mm=bounds,
         unit=unit_by_extent(float(np.ptp(bounds, axis=0).max())),
+        crossings=None if wrong is None else len(wrong),
+        crossing_faces=None if wrong is None else len(np.unique(wrong)),
     )
 
 

@@ -43,9 +43,10 @@ def uncrossed(
     for turn in count():
         there = np.where(share[:, None] < 1, begin_mm + share[:, None] * (end_mm - begin_mm), end_mm)
         wrong = crossings(there, faces)
-        near = _around(faces, len(share), wrong, 1 + turn // _TURNS_A_RING)
-        if not share[near].any():
+        wrong = wrong[share[faces[wrong]].any(axis=(1, 2))]  # the others cross at the beginning
+        if not len(wrong):
             break
+        near = _around(faces, len(share), wrong, 1 + turn // _TURNS_A_RING)
         share[near] = np.where(share[near] > _LEAST_SHARE, share[near] / 2, 0.0)
     return there
 

@@ -13,6 +13,7 @@ import zipfile
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from jaxtyping import Float, Float32
 
 from naris.anatomy.carry import carried_along
 from naris.anatomy.correspondence import correspond
+from naris.anatomy.crossings import crossings
 from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.core.anatomy import Anatomy
 from naris.core.atomic import write_bytes, write_json
@@ -55,6 +57,10 @@ class ShapeModel:
     patients: int
     residual_mm: float
 
+    @cached_property
+    def _crossings_of_mean(self) -> int:
+        return len(crossings(self.mean.vertices_mm, self.mean.faces))
+
     def vertices_mm(self, coefficients: Float[np.ndarray, "k"]) -> Float[np.ndarray, "v 3"]:
         """Vertices at so many standard deviations along each mode."""
         return self.mean.vertices_mm + np.tensordot(coefficients, self.modes_mm.astype(np.float64), axes=1)
@@ -62,25 +68,33 @@ class ShapeModel:
     def patient(self, seed: int, number: int) -> Anatomy:
         """The virtual patient number `number` of a population; it depends on the seed and its number alone.
 
-        Coefficients are normal, none beyond 2.5; a draw whose passages would leave the lumen is passed over.
+        Coefficients are normal, none beyond 2.5. A draw in which more faces cross than in the mean, or a passage leaves
+        the lumen, is passed over; the source of the patient says which draw it is of.
 
         Raises:
             InputError: if twenty draws in a row are.
         """
         rng = np.random.default_rng([seed, number])
-        for _ in range(_TRIES):
+        for draw in range(1, _TRIES + 1):
             coefficients = np.clip(rng.standard_normal(len(self.modes_mm)), -_MOST_SD, _MOST_SD)
-            told = " ".join(f"{value:+.2f}" for value in coefficients)
+            vertices = self.vertices_mm(coefficients)
+            if len(crossings(vertices, self.mean.faces)) > self._crossings_of_mean:
+                continue
+            told = " ".join(f"{value:+.2f}" for value in coefficients) + (f", draw {draw}" if draw > 1 else "")
             try:
                 return carried_along(
                     self.mean,
-                    self.vertices_mm(coefficients),
+                    vertices,
                     f"virtual patient {number} of seed {seed}",
                     f"a shape model of {self.patients} patients at {told}",
                 )
             except PoseError:
                 continue
-        raise InputError("shapes whose passages are open", f"none in {_TRIES} draws", "build it of other patients")
+        raise InputError(
+            "shapes whose passages are open and whose walls are apart",
+            f"none in {_TRIES} draws",
+            "build it of other patients",
+        )
 
 
 def build_shape_model(reference: Anatomy, patients: Sequence[Anatomy], progress: Progress = SILENT) -> ShapeModel:

@@ -72,7 +72,7 @@ def interrupted(options: Options) -> str:
 def _describe(anatomy: Anatomy) -> dict[str, Any]:
     from naris.anatomy.checks import check_surface
 
-    report = check_surface(anatomy.vertices_mm, anatomy.faces)
+    report = check_surface(anatomy.vertices_mm, anatomy.faces, find_crossings=True)
     low, high = anatomy.bounds_mm.tolist()
     return {
         "name": anatomy.name,
@@ -84,6 +84,8 @@ def _describe(anatomy: Anatomy) -> dict[str, Any]:
         "closed": report.closed,
         "pieces": report.pieces,
         "genus": report.genus,
+        "crossings": report.crossings,
+        "crossing_faces": report.crossing_faces,
         "volume_ml": round(report.volume_ml, 3),
         "bounds_mm": {"low": low, "high": high},
         "airspace": anatomy.airspace.kind,
@@ -119,12 +121,13 @@ def _facts(data: dict[str, Any]) -> dict[str, str]:
     low, high = data["bounds_mm"]["low"], data["bounds_mm"]["high"]
     extent = ", ".join(f"{axis} {a:.1f} … {b:.1f}" for axis, a, b in zip("xyz", low, high, strict=True))
     pieces = "one piece" if data["pieces"] == 1 else f"{data['pieces']} pieces"
+    crossing = f"{data['crossing_faces']:,} faces cross others" if data["crossings"] else "no face crosses another"
     where = {"enclosed": "enclosed by the surface", "between": "between walls that the surface encloses"}
     return {
         "from": data["source"],
         "frame": f"{data['frame']}, {extent} mm",
         "surface": f"{data['vertices']:,} vertices, {data['faces']:,} faces, "
-        f"{'closed' if data['closed'] else 'open'}, {pieces}, genus {data['genus']}",
+        f"{'closed' if data['closed'] else 'open'}, {pieces}, genus {data['genus']}, {crossing}",
         "encloses": f"{data['volume_ml']:.1f} ml",
         "air": where[data["airspace"]],
         "digest": data["digest"],
