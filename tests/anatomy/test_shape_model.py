@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -83,12 +84,32 @@ def test_a_model_on_disk_is_the_same(model: ShapeModel, tmp_path: Path) -> None:
     assert read.mean.digest == model.mean.digest
     assert np.array_equal(read.modes_mm, model.modes_mm)
     assert read.patient(1, 2).digest == model.patient(1, 2).digest
+    assert model.curves is not None and read.curves is not None
+    for name, values in vars(model.curves).items():
+        assert np.array_equal(getattr(read.curves, name), values)
+
+
+def test_a_model_from_before_there_were_curves_has_none(model: ShapeModel, tmp_path: Path) -> None:
+    save_shape_model(model, tmp_path)
+    told = json.loads((tmp_path / DESCRIPTION).read_text())
+    del told["curves"]
+    (tmp_path / DESCRIPTION).write_text(json.dumps({**told, "schema": "naris.shape-model/1"}))
+    assert load_shape_model(tmp_path).curves is None
+
+
+def test_curves_say_that_one_mode_does(model: ShapeModel) -> None:
+    curves = model.curves
+    assert curves is not None
+    assert curves.compactness[1] == pytest.approx(model.share[0])
+    assert curves.generalisation_mm[1] < 0.3 * curves.generalisation_mm[0]
+    assert 0 < curves.specificity_mm[1] < curves.generalisation_mm[0]
 
 
 @pytest.mark.parametrize(
     ("file", "content"),
     [
         *((DESCRIPTION, b"{}"), (DESCRIPTION, b"no JSON"), (DESCRIPTION, None)),
+        (DESCRIPTION, b"short"),
         *((MODES, b"no archive"), (MODES, None), (MODES, b"flip")),
     ],
 )
@@ -96,6 +117,10 @@ def test_a_damaged_one_is_refused(model: ShapeModel, tmp_path: Path, file: str, 
     save_shape_model(model, tmp_path)
     if content is None:
         (tmp_path / file).unlink()
+    elif content == b"short":
+        told = json.loads((tmp_path / file).read_text())
+        told["curves"]["compactness"].pop()
+        (tmp_path / file).write_text(json.dumps(told))
     elif content == b"flip":
         stored = bytearray((tmp_path / file).read_bytes())
         for place in range(len(stored) // 3, len(stored) // 2, 997):

@@ -11,8 +11,8 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
@@ -23,17 +23,18 @@ from naris.anatomy.carry import carried_along
 from naris.anatomy.correspondence import correspond
 from naris.anatomy.crossings import crossings
 from naris.anatomy.folder import load_anatomy, save_anatomy
+from naris.anatomy.shape_curves import MOST_SD, ShapeCurves, principal, shape_curves
 from naris.core.anatomy import Anatomy
 from naris.core.atomic import write_bytes, write_json
 from naris.core.progress import SILENT, Progress
 from naris.errors import InputError, PoseError
 
-SCHEMA = "naris.shape-model/1"
+SCHEMA = "naris.shape-model/2"
+_WITHOUT_CURVES = "naris.shape-model/1"
 DESCRIPTION, MODES, MEAN = "shape_model.json", "modes.npz", "mean"
 FEWEST = 3
 """Patients that a model needs at least."""
 
-_MOST_SD = 2.5
 _TRIES = 20
 _SHARE = 0.98  # of the variance that is kept
 _MOST_BYTES = 2_000_000_000
@@ -49,6 +50,7 @@ class ShapeModel:
         share: (K,) of the variance.
         patients: it was built from.
         residual_mm: mean distance of the patients' surfaces from where the reference was laid on them.
+        curves: how good it is with how many modes; None in models that were made before there were any.
     """
 
     mean: Anatomy
@@ -56,6 +58,7 @@ class ShapeModel:
     share: Float[np.ndarray, "k"]
     patients: int
     residual_mm: float
+    curves: ShapeCurves | None = None
 
     @cached_property
     def _crossings_of_mean(self) -> int:
@@ -76,7 +79,7 @@ class ShapeModel:
         """
         rng = np.random.default_rng([seed, number])
         for draw in range(1, _TRIES + 1):
-            coefficients = np.clip(rng.standard_normal(len(self.modes_mm)), -_MOST_SD, _MOST_SD)
+            coefficients = np.clip(rng.standard_normal(len(self.modes_mm)), -MOST_SD, MOST_SD)
             vertices = self.vertices_mm(coefficients)
             if len(crossings(vertices, self.mean.faces)) > self._crossings_of_mean:
                 continue
@@ -123,9 +126,8 @@ def build_shape_model(reference: Anatomy, patients: Sequence[Anatomy], progress:
     middle = matrix.mean(axis=0)
     # Of N shapes there are at most N − 1 modes; they follow from the N×N matrix of the shapes' products.
     centred = matrix - middle
-    values, vectors = np.linalg.eigh(centred @ centred.T / (len(shapes) - 1))
-    order = np.argsort(values)[::-1][: len(shapes) - 1]
-    values, vectors = np.maximum(values[order], 0.0), vectors[:, order]
+    products = centred @ centred.T
+    values, vectors = principal(products)
     share = values / max(float(values.sum()), 1e-12)
     count = int(np.searchsorted(np.cumsum(share), _SHARE)) + 1
     modes = (vectors[:, :count].T @ centred) / np.sqrt(len(shapes) - 1)
@@ -136,7 +138,8 @@ def build_shape_model(reference: Anatomy, patients: Sequence[Anatomy], progress:
         f"the mean of {len(shapes)} noses, on the mesh of {reference.name}",
     )
     shaped = modes.reshape(len(modes), -1, 3).astype(np.float32)
-    return ShapeModel(mean, shaped, share[: len(modes)], len(shapes), float(np.mean(residuals)))
+    curves = shape_curves(products, len(reference.vertices_mm))
+    return ShapeModel(mean, shaped, share[: len(modes)], len(shapes), float(np.mean(residuals)), curves)
 
 
 def _laid_on(shape: Float[np.ndarray, "v 3"], other: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
@@ -164,6 +167,7 @@ def save_shape_model(model: ShapeModel, folder: Path) -> None:
         "share": model.share.tolist(),
         "residual_mm": model.residual_mm,
         "mean_digest": model.mean.digest,
+        "curves": {name: values.tolist() for name, values in vars(model.curves).items()} if model.curves else None,
     }
     write_json(folder / DESCRIPTION, told)
 
@@ -180,7 +184,7 @@ def load_shape_model(folder: Path) -> ShapeModel:
         raise InputError(f"a shape model in {folder}", f"no {DESCRIPTION} there", "make one: naris anatomy shape-model")
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
-        if told["schema"] != SCHEMA:
+        if told["schema"] not in (SCHEMA, _WITHOUT_CURVES):
             raise ValueError(f"schema {told['schema']}")
         mean = load_anatomy(str(folder / MEAN))
         with zipfile.ZipFile(folder / MODES) as stored:
@@ -193,9 +197,19 @@ def load_shape_model(folder: Path) -> ShapeModel:
             raise ValueError(f"modes of shape {modes.shape}")
         if told["mean_digest"] != mean.digest:
             raise ValueError("modes of another mean")
-        return ShapeModel(mean, modes.astype(np.float32), share, int(told["patients"]), float(told["residual_mm"]))
+        numbers = int(told["patients"]), float(told["residual_mm"])
+        return ShapeModel(mean, modes.astype(np.float32), share, *numbers, _curves(told.get("curves")))
     except (
         *(OSError, EOFError, ValueError, OverflowError, LookupError, TypeError),
         *(zipfile.BadZipFile, zlib.error),
     ) as error:
         raise InputError(f"a whole shape model in {folder}", f"{error}", "make it again") from error
+
+
+def _curves(told: Mapping[str, Sequence[float]] | None) -> ShapeCurves | None:
+    """The curves as they were written; a model that was made before there were any has none."""
+    if told is None:
+        return None
+    return ShapeCurves(
+        **{field.name: np.array([float(value) for value in told[field.name]]) for field in fields(ShapeCurves)}
+    )
