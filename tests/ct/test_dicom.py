@@ -15,8 +15,9 @@ from pydicom.uid import JPEG2000Lossless, RLELossless, generate_uid
 from scipy.spatial.transform import Rotation
 
 from naris.core.volume import Volume
-from naris.ct.dicom import find_series, read_dicom
+from naris.ct.dicom import read_dicom
 from naris.ct.resample import sampled
+from naris.ct.series import find_series
 from naris.errors import ScanError
 from tests.ct.dicom_files import INTERCEPT, PATIENT, affine, grid, images, write
 

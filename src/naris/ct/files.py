@@ -18,9 +18,8 @@ import SimpleITK as sitk
 from jaxtyping import Float, Int16, Num
 
 from naris.core.volume import Volume
-from naris.ct.dicom import MOST_VOXELS
 from naris.ct.resample import upright
-from naris.ct.scan import Finding, Scan
+from naris.ct.scan import MOST_VOXELS, Finding, Scan
 from naris.errors import ScanError
 
 _ENDS = {"R": (0, -1), "L": (0, 1), "A": (1, -1), "P": (1, 1), "I": (2, -1), "S": (2, 1)}

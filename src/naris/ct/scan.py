@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from naris.core.volume import Volume
 
+MOST_VOXELS = 2**29
 Weight = Literal["notice", "warning"]
 
 
