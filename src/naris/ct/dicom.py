@@ -13,6 +13,7 @@ import numpy as np
 
 from naris.core.progress import SILENT, Progress
 from naris.core.volume import Volume
+from naris.ct.continuity import check_continuity
 from naris.ct.pixels import hu_of, hu_of_all
 from naris.ct.resample import even, upright
 from naris.ct.scan import MOST_VOXELS, Finding, Scan
@@ -44,6 +45,7 @@ def read_dicom(folder: Path, series: str | None = None, progress: Progress = SIL
     _check_gaps(stack, images)
     ordered = [images[number] for number in stack.order]
     hu = hu_of_all(ordered, progress)
+    findings += check_continuity(hu, told=lambda k: ordered[k].path.name)
     if chosen.inverted:
         findings.append(Finding("monochrome1", "MONOCHROME1: shown inverted, the values are read as they are"))
     slice_mm = stack.step_mm

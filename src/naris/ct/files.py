@@ -18,6 +18,7 @@ import SimpleITK as sitk
 from jaxtyping import Float, Int16, Num
 
 from naris.core.volume import Volume
+from naris.ct.continuity import check_continuity
 from naris.ct.resample import upright
 from naris.ct.scan import MOST_VOXELS, Finding, Scan
 from naris.errors import ScanError
@@ -46,11 +47,17 @@ def read_file(path: Path) -> Scan:
         raise _damaged(path, kind, error) from error
     volume = Volume(_as_hu(values), matrix)
     slice_mm = float(volume.spacing_mm.max())
+    findings += check_continuity(volume.hu, _slice_axis(volume))
     if volume.skew_deg > _SKEWED_DEG:
         text = f"the axes were {volume.skew_deg:.1f}° off right angles; the scan was resampled"
         findings = [*findings, Finding("tilt", text, "warning")]
         volume = upright(volume)
     return Scan(volume, kind, slice_mm, tuple(findings))
+
+
+def _slice_axis(volume: Volume) -> int:
+    """The axis along which slices lie furthest apart; the last of those where voxels are cubes."""
+    return 2 - int(np.argmax(np.round(volume.spacing_mm[::-1], 3)))
 
 
 _Read = tuple[Num[np.ndarray, "ni nj nk"], Float[np.ndarray, "4 4"], list[Finding]]
