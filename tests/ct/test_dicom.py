@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from naris.core.volume import Volume
 from naris.ct.dicom import read_dicom
 from naris.ct.resample import sampled
-from naris.ct.series import find_series
+from naris.ct.series import contents_of
 from naris.errors import ScanError
 from tests.ct.dicom_files import INTERCEPT, PATIENT, affine, grid, images, write
 
@@ -157,7 +157,7 @@ def test_rescale_is_applied_slice_by_slice(tmp_path: Path) -> None:
 def test_nothing_of_the_patient_comes_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     write(tmp_path, images(grid(), affine()))
     with caplog.at_level(logging.DEBUG):
-        (series,) = find_series(tmp_path)
+        (series,) = contents_of(tmp_path).series
         scan = read_dicom(tmp_path)
     assert PATIENT not in repr((series, series.told(), scan)) + caplog.text
     assert "12345678" not in repr((series, series.told(), scan)) + caplog.text
@@ -174,7 +174,7 @@ def test_of_several_series_one_has_to_be_named(tmp_path: Path) -> None:
     with pytest.raises(ScanError, match=r"one CT series.*got 2 .*number 4.*name one of them with --series"):
         read_dicom(tmp_path)
     assert_voxels_are_at(read_dicom(tmp_path, "5").volume, second, affine())
-    key = next(series.key for series in find_series(tmp_path) if series.number == 4)
+    key = next(series.key for series in contents_of(tmp_path).series if series.number == 4)
     assert_voxels_are_at(read_dicom(tmp_path, key).volume, first, affine())
     with pytest.raises(ScanError, match="'9'"):
         read_dicom(tmp_path, "9")

@@ -16,8 +16,9 @@ from naris.core.volume import Volume
 from naris.ct.continuity import check_continuity
 from naris.ct.pixels import hu_of, hu_of_all
 from naris.ct.resample import even, upright
+from naris.ct.sameness import check_one_scan
 from naris.ct.scan import MOST_VOXELS, Finding, Scan
-from naris.ct.series import Image, Series, find_series
+from naris.ct.series import Image, Series, contents_of
 from naris.ct.slices import FEWEST, SAME_DIRECTION_RAD, SAME_PLACE_MM, Stack, stacked
 from naris.errors import ScanError
 
@@ -36,14 +37,16 @@ def read_dicom(folder: Path, series: str | None = None, progress: Progress = SIL
     Raises:
         ScanError: if there is no CT, several would do, or its geometry is incomplete or contradicts itself.
     """
-    chosen = _chosen(find_series(folder, progress), series, folder)
-    findings: list[Finding] = []
+    contents = contents_of(folder, progress)
+    chosen = _chosen(contents.series, series, folder)
+    findings = list(_strange(contents.strange))
     if chosen.localisers:
         findings.append(Finding("localisers", f"{chosen.localisers} localiser images were left out"))
     images = _without_copies(_of_one_orientation(chosen, findings), findings)
     stack = stacked([image.plane for image in images])
     _check_gaps(stack, images)
     ordered = [images[number] for number in stack.order]
+    findings += check_one_scan(ordered, stack)
     hu = hu_of_all(ordered, progress)
     findings += check_continuity(hu, told=lambda k: ordered[k].path.name)
     if chosen.inverted:
@@ -60,6 +63,15 @@ def read_dicom(folder: Path, series: str | None = None, progress: Progress = SIL
         findings.append(Finding("tilt", text, "warning"))
         volume = upright(volume)
     return Scan(volume, "DICOM", slice_mm, tuple(findings))
+
+
+def _strange(paths: Sequence[Path]) -> tuple[Finding, ...]:
+    if not paths:
+        return ()
+    text = f"{paths[0].name} is no DICOM and was left out: is it a slice that breaks off?"
+    if len(paths) > 1:
+        text = f"{len(paths)} files are no DICOM and were left out, such as {paths[0].name}: are slices among them?"
+    return (Finding("no dicom", text, "warning"),)
 
 
 def _chosen(found: Sequence[Series], wanted: str | None, folder: Path) -> Series:

@@ -26,8 +26,35 @@ _TAGS = [
     "SOPClassUID", "SeriesInstanceUID", "SeriesNumber", "Modality", "ImageType", "Rows", "Columns", "NumberOfFrames",
     "ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "RescaleSlope", "RescaleIntercept",
     "PhotometricInterpretation", "SamplesPerPixel", "SharedFunctionalGroupsSequence",
-    "PerFrameFunctionalGroupsSequence",
+    "PerFrameFunctionalGroupsSequence", "StudyInstanceUID", "FrameOfReferenceUID", "AcquisitionNumber",
+    "SliceThickness", "ConvolutionKernel", "GantryDetectorTilt",
 ]  # fmt: skip
+_OTHERS = (
+    ".txt", ".md", ".pdf", ".doc", ".docx", ".rtf", ".htm", ".html", ".xml", ".json", ".csv", ".xls", ".xlsx", ".log",
+    ".jpg", ".jpeg", ".png", ".gif", ".bmp", ".tif", ".tiff", ".ico", ".mp4", ".avi", ".zip", ".gz", ".7z", ".tar",
+    ".exe", ".dll", ".inf", ".ini", ".bat", ".sh", ".jar", ".db", ".css", ".js", ".cfg", ".dat", ".nrrd", ".nii",
+    ".mha", ".mhd", ".raw", ".stl", ".ply", ".obj", ".vtp", ".py", ".yml", ".yaml", ".sql", ".part", ".tmp",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What an image says about the scan that it comes from; None where it says nothing.
+
+    Attributes:
+        study, frame_of_reference: eight letters made of the identifiers, to compare and not to tell.
+        acquisition: as the scanner counted it.
+        thickness_mm: of the slice.
+        kernel: letters made of the name of the convolution kernel.
+        tilt_deg: of the gantry.
+    """
+
+    study: str | None = None
+    frame_of_reference: str | None = None
+    acquisition: int | None = None
+    thickness_mm: float | None = None
+    kernel: str | None = None
+    tilt_deg: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +66,7 @@ class Image:
     plane: Plane
     slope: float
     intercept: float
+    origin: Origin = Origin()
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,47 +95,79 @@ class Series:
         return f"{self.key}: {self.modality or 'no modality'}, {len(self.images)} images{number}"
 
 
-def find_series(folder: Path, progress: Progress = SILENT) -> list[Series]:
-    """Every series below a folder (or in one file), those with most images first.
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """What a folder holds.
+
+    Attributes:
+        series: those with most images first.
+        strange: files that are no DICOM and do not look like anything else either: a slice that breaks off at once
+            is one.
+    """
+
+    series: tuple[Series, ...]
+    strange: tuple[Path, ...]
+
+
+def contents_of(folder: Path, progress: Progress = SILENT) -> Contents:
+    """Every series below a folder (or in one file).
 
     Raises:
         ScanError: if there is no DICOM file, or one breaks off in its header.
     """
     paths = sorted(path for path in folder.rglob("*") if path.is_file()) if folder.is_dir() else [folder]
     found: dict[str, list[Any]] = defaultdict(list)
+    strange: list[Path] = []
     with progress.task("headers", len(paths)) as advance:
         for path in paths:
-            header = _header(path)
-            if header is not None:
+            if not _is_dicom(path):
+                strange += [path] if _could_be_a_slice(path) else []
+            elif (header := _header(path)) is not None:
                 found[str(header.SeriesInstanceUID)].append((path, header))
             advance(1)
     if not found:
         raise ScanError(f"DICOM images in {folder}", f"{len(paths)} files, none of them one", "check the path")
     series = [_series(uid, files) for uid, files in found.items()]
-    return sorted(series, key=lambda one: (-len(one.images), one.key))
+    return Contents(tuple(sorted(series, key=lambda one: (-len(one.images), one.key))), tuple(strange))
+
+
+def _is_dicom(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(132)[128:] == b"DICM"
+    except OSError as error:
+        raise _unreadable(path, error) from error
+
+
+def _could_be_a_slice(path: Path) -> bool:
+    """Whether a file that is no DICOM has a name that slices have: none of a document, a picture or a hidden file."""
+    name = path.name.lower()
+    words = name.split(".")[0] in ("readme", "license", "licence", "version", "dicomdir", "lockfile")
+    return not (words or name.startswith((".", "._")) or path.suffix.lower() in _OTHERS)
 
 
 def _header(path: Path) -> Any | None:
-    """The tags that we read of a DICOM file; None for other files and for directories of them (DICOMDIR)."""
+    """The tags that we read of a DICOM file; None for directories of them (DICOMDIR)."""
     try:
-        with path.open("rb") as file:
-            if file.read(132)[128:] != b"DICM":
-                return None
         header = pydicom.dcmread(path, stop_before_pixels=True, specific_tags=list(_TAGS))
     except (InvalidDicomError, EOFError, ValueError, KeyError, NotImplementedError) as error:
         raise ScanError(
             f"a whole DICOM file {path.name}", "one that breaks off in its header", "copy it anew"
         ) from error
     except OSError as error:
-        raise ScanError(
-            f"a readable file {path.name}", error.strerror or "an error", "check the medium and the permissions"
-        ) from error
+        raise _unreadable(path, error) from error
     if header.file_meta.get("MediaStorageSOPClassUID") == MediaStorageDirectoryStorage:
         return None
     is_ct = header.get("SOPClassUID") in (CTImageStorage, EnhancedCTImageStorage)
     if "SeriesInstanceUID" not in header or (is_ct and not {"Rows", "Columns"} <= set(header.dir())):
         raise _broken_off(path)
     return header
+
+
+def _unreadable(path: Path, error: OSError) -> ScanError:
+    return ScanError(
+        f"a readable file {path.name}", error.strerror or "an error", "check the medium and the permissions"
+    )
 
 
 def _broken_off(path: Path) -> ScanError:
@@ -122,11 +182,18 @@ def _series(uid: str, files: Sequence[tuple[Path, Any]]) -> Series:
         if {"LOCALIZER", "SCOUT"} & {str(kind).upper() for kind in header.get("ImageType", [])}:
             localisers += 1
             continue
-        images += _images(path, header)
+        try:
+            images += _images(path, header)
+        except (ValueError, TypeError, IndexError, AttributeError) as error:
+            raise ScanError(
+                f"a DICOM header with numbers where they belong in {path.name}",
+                "one with something else",
+                "export the series again",
+            ) from error
     number = first.get("SeriesNumber")
     inverted = any(str(header.get("PhotometricInterpretation", "")) == "MONOCHROME1" for _, header in files)
     return Series(
-        hashlib.sha256(uid.encode()).hexdigest()[:8],
+        _letters(uid) or "",
         None if number is None else int(number),
         str(first.get("Modality", "")),
         tuple(images),
@@ -165,7 +232,27 @@ def _images(path: Path, header: Any) -> Iterator[Image]:
             (float(spacing[1]), float(spacing[0])),
             shape,
         )
-        yield Image(path, frame, plane, float(1 if slope is None else slope), float(intercept or 0))
+        slope, intercept = float(1 if slope is None else slope), float(intercept or 0)
+        yield Image(path, frame, plane, slope, intercept, _origin(header, own, shared))
+
+
+def _origin(header: Any, own: Any, shared: Any | None) -> Origin:
+    acquisition = header.get("AcquisitionNumber")
+    thickness = _find("PixelMeasuresSequence", "SliceThickness", own, shared)
+    tilt = _find("CTGeometrySequence", "GantryDetectorTilt", own, shared)
+    return Origin(
+        _letters(header.get("StudyInstanceUID")),
+        _letters(header.get("FrameOfReferenceUID")),
+        None if acquisition is None else int(acquisition),
+        None if thickness is None else float(thickness),
+        _letters(_find("CTReconstructionSequence", "ConvolutionKernel", own, shared)),
+        None if tilt is None else float(tilt),
+    )
+
+
+def _letters(value: Any | None) -> str | None:
+    """Eight letters that stand for a value, to compare or to name it without telling it."""
+    return hashlib.sha256(str(value).encode()).hexdigest()[:8] if value else None
 
 
 def _first(item: Any, name: str) -> Any | None:
