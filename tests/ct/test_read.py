@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 
-from naris.core.volume import Volume
-from naris.ct.read import check_values, read_scan
-from naris.ct.scan import Scan
+from naris.ct.read import read_scan
 from naris.errors import ScanError
 from tests.ct.dicom_files import affine, grid, images, write
 
@@ -41,20 +39,6 @@ def test_a_dicom_folder_and_one_of_its_files(tmp_path: Path) -> None:
     one = next(path for path in tmp_path.rglob("*") if path.is_file())
     with pytest.raises(ScanError, match="a CT series of 3 images"):
         read_scan(one)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        (np.full((8, 8, 8), 37), "37 HU throughout"),
-        (grid(shape=(16, 16, 16)).astype(int) + 1024, "rescale intercept were lost"),
-        (np.random.default_rng(0).integers(0, 900, (16, 16, 16)), "rescale intercept were lost"),
-        (np.random.default_rng(0).integers(-2000, -1500, (16, 16, 16)), "values -2000 to -1501"),
-    ],
-)
-def test_values_that_no_ct_has(values: np.ndarray, message: str) -> None:
-    with pytest.raises(ScanError, match=message):
-        check_values(Scan(Volume(values.astype(np.int16), np.eye(4)), "NRRD", 1.0))
 
 
 def test_nothing_there(tmp_path: Path) -> None:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from naris.core.progress import SILENT, Progress
 from naris.ct.dicom import read_dicom
 from naris.ct.files import read_file
 from naris.ct.scan import Scan
+from naris.ct.values import check_values
 from naris.errors import ScanError
 
 _MAGIC = b"DICM"
-_SAMPLES = 2_000_000
-_AIR_HU = (-1100, -800)
-_SOFT_HU = (-150, 250)
-_LEAST = 0.002  # share of the voxels of a head that are air, and that are soft tissue, at the very least
 
 
 def read_scan(path: Path | str, series: str | None = None, progress: Progress = SILENT) -> Scan:
@@ -39,33 +35,7 @@ def read_scan(path: Path | str, series: str | None = None, progress: Progress = 
         raise ScanError("a DICOM folder, to choose a series of", path.name, "leave --series out")
     else:
         scan = read_file(path)
-    check_values(scan)
-    return scan
-
-
-def check_values(scan: Scan) -> None:
-    """See that a scan has both air and soft tissue where Hounsfield units put them.
-
-    Raises:
-        ScanError: if it has one value only, or has not: it is no CT, or its rescale was lost.
-    """
-    hu = scan.volume.hu
-    step = max(int(np.cbrt(hu.size / _SAMPLES)), 1)
-    values = hu[::step, ::step, ::step]
-    low, high = int(values.min()), int(values.max())
-    if low == high:
-        raise ScanError("a CT of a head", f"a volume of {low} HU throughout", "check the scan")
-    air, soft = (float(np.mean((values >= a) & (values <= b))) for a, b in (_AIR_HU, _SOFT_HU))
-    if air >= _LEAST and soft >= _LEAST:
-        return
-    todo = "give a CT in Hounsfield units"
-    if low >= 0:
-        todo = "give a CT in Hounsfield units: no value is negative, as if the rescale intercept were lost"
-    raise ScanError(
-        "both air (about −1000 HU) and soft tissue (about 50 HU) in a CT",
-        f"{100 * air:.1f} % and {100 * soft:.1f} % of voxels there, values {low} to {high}",
-        todo,
-    )
+    return replace(scan, findings=(*scan.findings, *check_values(scan)))
 
 
 def _is_dicom(path: Path) -> bool:
