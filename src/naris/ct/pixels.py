@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,11 @@ import pydicom
 from jaxtyping import Float32, Int16
 
 from naris.core.progress import Progress
+from naris.ct.packed import dicom_whole
 from naris.ct.series import Image
 from naris.errors import ScanError
+
+LOG = logging.getLogger(__name__)
 
 
 def hu_of_all(images: Sequence[Image], progress: Progress) -> Int16[np.ndarray, "ni nj nk"]:
@@ -53,13 +57,14 @@ def _to_hu(stored: np.ndarray, image: Image) -> Int16[np.ndarray, "nj ni"]:
 def _stored(path: Path) -> np.ndarray:
     """The stored values of a file before the rescale to Hounsfield units, (nj, ni) or (frames, nj, ni)."""
     try:
-        dataset = pydicom.dcmread(path)
+        dataset = pydicom.dcmread(dicom_whole(path))
         if dataset.file_meta.TransferSyntaxUID.is_compressed:
             return _decompressed(path, dataset)
         return np.asarray(dataset.pixel_array)
     except (AttributeError, EOFError, KeyError, NotImplementedError, OSError, RuntimeError, ValueError) as error:
+        LOG.debug("%s: %s", path.name, type(error).__name__)
         raise ScanError(
-            f"the pixels of {path.name}", f"none that can be read ({_clause(error)})", "copy the file anew"
+            f"the pixels of {path.name}", "fewer than its header says, or none that can be read", "copy the file anew"
         ) from error
 
 
@@ -75,7 +80,3 @@ def _decompressed(path: Path, dataset: Any) -> np.ndarray:
         slope = float(dataset.get("RescaleSlope", 1) or 1)
         stored = (values - float(dataset.get("RescaleIntercept", 0) or 0)) / slope
         return stored[0] if stored.shape[0] == 1 else stored
-
-
-def _clause(error: Exception) -> str:
-    return str(error).split("\n", 1)[0].rstrip(".")[:120] or type(error).__name__

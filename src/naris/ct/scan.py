@@ -8,6 +8,7 @@ from typing import Any, Literal
 from naris.core.volume import Volume
 
 MOST_VOXELS = 2**29
+MOST_BYTES = 2**31
 Weight = Literal["notice", "warning"]
 
 

@@ -18,6 +18,7 @@ from pydicom.errors import InvalidDicomError
 from pydicom.uid import CTImageStorage, EnhancedCTImageStorage, MediaStorageDirectoryStorage
 
 from naris.core.progress import SILENT, Progress
+from naris.ct.packed import dicom_header
 from naris.ct.slices import Plane
 from naris.errors import ScanError
 
@@ -149,7 +150,7 @@ def _could_be_a_slice(path: Path) -> bool:
 def _header(path: Path) -> Any | None:
     """The tags that we read of a DICOM file; None for directories of them (DICOMDIR)."""
     try:
-        header = pydicom.dcmread(path, stop_before_pixels=True, specific_tags=list(_TAGS))
+        header = pydicom.dcmread(dicom_header(path), stop_before_pixels=True, specific_tags=list(_TAGS))
     except (InvalidDicomError, EOFError, ValueError, KeyError, NotImplementedError) as error:
         raise ScanError(
             f"a whole DICOM file {path.name}", "one that breaks off in its header", "copy it anew"
