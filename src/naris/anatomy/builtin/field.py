@@ -9,6 +9,7 @@ from naris.anatomy.builtin.implicit import Field, Grid, irregularity, smooth_max
 from naris.anatomy.builtin.layout import Y_TIP_MM, Layout
 from naris.anatomy.builtin.nasopharynx import PALATE_DROP_MM, nasopharynx, with_tubes
 from naris.anatomy.builtin.parameters import NoseParameters
+from naris.anatomy.builtin.septum import whole_septum
 from naris.anatomy.builtin.turbinates import (
     Turbinate,
     WallReader,
@@ -79,7 +80,7 @@ def lumen_field(p: NoseParameters, at: Layout, grid: Grid) -> Field:
     lumen = with_tubes(p, at, grid, lumen)
     for wavelength, amplitude in zip(_WAVELENGTHS_MM, _AMPLITUDES, strict=True):
         lumen += np.float32(p.irregularity_mm * amplitude) * irregularity(grid, wavelength, rng)
-    return lumen
+    return whole_septum(p, at, grid, lumen)
 
 
 def _wobble(y_mm: Float[np.ndarray, "ny"], amplitude_mm: float, rng: np.random.Generator) -> Float[np.ndarray, "ny 2"]:
