@@ -88,6 +88,7 @@ def test_a_trip_that_finds_no_nose_stops_no_other(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("naris.bench.anatomy.of_samples", lambda request, references: [])
     monkeypatch.setattr("naris.bench.anatomy.QUICK_TRIPS", 3)
     monkeypatch.setattr("naris.bench.anatomy._POINTS", ("left.nostril",))
+    monkeypatch.setattr("naris.bench.anatomy._ON_WALLS", ())
     figures = {one.name: one for one in measure(BenchRequest(quick=True)).figures}
     assert (figures["anatomy.roundtrip.refused"].value, figures["anatomy.roundtrip.refused"].n) == (1.0, 3)
     surface_mm = figures["anatomy.roundtrip.surface_mm"]

@@ -52,6 +52,8 @@ _RESAMPLED = 2000
 _PLACES_MM, _ROOM_MM = 1.0, 1.0
 _OPEN_MM = 8.0  # around a nostril the truth ends where a scan goes on
 _POINTS = ("left.nostril", "right.nostril", "left.choana", "right.choana")
+_ON_WALLS = ("left.nasal floor", "right.nasal floor", "posterior wall")
+_BESIDE_MM = 1.0
 _LOG = logging.getLogger(__name__)
 
 
@@ -114,8 +116,29 @@ def round_trip(seed: int, number: int, references: Sequence[Anatomy]) -> Trip:
 def compared(truth: Anatomy, airway: Airway, made: ScannedAnatomy) -> Trip:
     """What was found in a scan of an anatomy beside that anatomy."""
     marks = {name: float(np.linalg.norm(airway.landmarks_mm[name] - truth.landmarks_mm[name])) for name in _POINTS}
+    marks |= on_walls(airway.landmarks_mm, truth)
     nostrils = np.stack([truth.landmarks_mm[f"{side}.nostril"] for side in EXPERT])
     return Trip(apart_mm(made.anatomy, truth, nostrils), marks, made.genus, kept(made.anatomy, truth, nostrils))
+
+
+def on_walls(landmarks_mm: Mapping[str, Float[np.ndarray, "3"]], truth: Anatomy) -> dict[str, float]:
+    """How far the landmarks that are named after a wall lie from that wall of the truth, along their axis.
+
+    The nasal floor is the lowest place of the middle third of a side, the posterior wall what lies behind the roomiest
+    place of the nasopharynx.
+    """
+    off, points = {}, truth.vertices_mm
+    for side, sign in (("left", 1), ("right", -1)):
+        front, back = (landmarks_mm[f"{side}.{name}"][1] for name in ("nostril", "choana"))
+        third = (back - front) / 3
+        middle = (points[:, 1] > front + third) & (points[:, 1] < back - third) & (sign * points[:, 0] > 1)
+        lowest = float(points[middle, 2].min()) if middle.any() else np.inf
+        off[f"{side}.nasal floor"] = abs(float(landmarks_mm[f"{side}.nasal floor"][2]) - lowest)
+    roomiest = landmarks_mm["nasopharynx"]
+    behind = (np.linalg.norm((points - roomiest)[:, [0, 2]], axis=1) < _BESIDE_MM) & (points[:, 1] > roomiest[1])
+    wall = float(np.median(points[behind, 1])) if behind.any() else np.inf
+    off["posterior wall"] = abs(float(landmarks_mm["posterior wall"][1]) - wall)
+    return off
 
 
 def kept(found: Anatomy, truth: Anatomy, but_near_mm: Float[np.ndarray, "k 3"]) -> dict[str, float]:
@@ -162,7 +185,7 @@ def _of_trips(trips: Sequence[Trip], refused: int) -> list[Figure]:
     n = len(trips)
     base = "anatomy.roundtrip"
     off = np.concatenate([trip.off_mm for trip in trips]) if trips else np.zeros(0)
-    marks = np.array([list(trip.landmarks_mm.values()) for trip in trips])
+    marks = np.array([[trip.landmarks_mm[name] for name in _POINTS] for trip in trips])
     per_trip = np.array([trip.off_mm.mean() for trip in trips])
     return [
         Figure(f"{base}.refused", float(refused), "noses", n + refused, "lower", 0.0),
@@ -170,6 +193,7 @@ def _of_trips(trips: Sequence[Trip], refused: int) -> list[Figure]:
         Figure(f"{base}.surface_p95_mm", float(np.percentile(off, 95)) if n else None, "mm", n, "lower", 0.8),
         Figure(f"{base}.landmarks_mm", float(marks.mean()) if n else None, "mm", marks.size, "lower", 2.0),
         Figure(f"{base}.landmarks_worst_mm", float(marks.max()) if n else None, "mm", marks.size, "lower"),
+        Figure(f"{base}.landmarks_within_2_mm", float((marks <= 2).mean()) if n else None, "1", marks.size, "higher"),
         *(
             Figure(
                 f"{base}.{name.replace(' ', '_')}_mm",
@@ -178,7 +202,7 @@ def _of_trips(trips: Sequence[Trip], refused: int) -> list[Figure]:
                 n,
                 "lower",
             )
-            for name in _POINTS
+            for name in (*_POINTS, *_ON_WALLS)
         ),
         Figure(f"{base}.kept", _mean(share for trip in trips for share in trip.kept.values()), "1", n, "higher"),
         Figure(
