@@ -32,6 +32,12 @@ def test_patients_are_drawn_from_a_model_of_patients(
     told = json.loads(capfd.readouterr().out)
     assert (told["patients"], told["residual_mm"] < 0.5) == (3, True)
     assert told["share"] == sorted(told["share"], reverse=True)
+    assert told["compactness"] == sorted(told["compactness"])
+    assert told["generalisation_mm"][1] < 0.3 * told["generalisation_mm"][0]
+    assert len(told["specificity_mm"]) == 3
+    page = Path(told["page"]).read_text()
+    assert page.count("against the number of modes") == 3
+    assert "The mean" in page and "data:image/" in page
     assert main(["anatomy", "sample", "-o", out, "--model", model, "--count", "2", "--json", "--quiet"]) == 0
     first, second = json.loads(capfd.readouterr().out)["made"]
     assert first["digest"] != second["digest"]
@@ -41,6 +47,21 @@ def test_patients_are_drawn_from_a_model_of_patients(
     assert drawn.passages[0].name == "main"
     assert main(["anatomy", "sample", "-o", out, "--count", "1", "--quiet"]) == 2
     assert "seed 0 from the shape model" in capfd.readouterr().err
+
+
+def test_in_words(folders: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    words = ["anatomy", "shape-model", *folders[1:], "--reference", folders[0], "-o", str(tmp_path / "model")]
+    assert main([*words, "--quiet"]) == 0
+    assert main([*words, "--quiet"]) == 0  # over its own
+    told = capfd.readouterr().out
+    for said in (
+        "shape model of 3 noses",
+        "generalisation",
+        "by 1 mode of the others",
+        "specificity",
+        "shape_model.html",
+    ):
+        assert said in told
 
 
 def test_what_cannot_be_is_refused(folders: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from naris.anatomy.shape_curves import ShapeCurves
 from naris.report import Calibration, ReportData, TrainingCurve, charts
 from naris.report.markup import Markup, element, join
 from naris.report.plot import SHARE, Axes, Scale
@@ -144,3 +145,16 @@ def test_attributes() -> None:
     assert element("line", x1=0.1, class_="a", stroke_width=2, hidden=True, alt=None) == (
         '<line x1="0.1" class="a" stroke-width="2" hidden/>'
     )
+
+
+def test_curves_of_a_shape_model_begin_without_modes_and_fall_on_common_axes() -> None:
+    curves = ShapeCurves(np.array([0.0, 0.7, 1.0]), np.array([2.0, 0.5]), np.array([1.0, 1.5, 1.6]))
+    markup = charts.shape_curve_charts(curves)
+    lines = [next(iter(drawn(markup, k).iter("polyline"))).get("points", "") for k in range(3)]
+    heights = [[float(point.split(",")[1]) for point in line.split()] for line in lines]
+    assert [len(line) for line in heights] == [3, 2, 3]
+    assert heights[0] == sorted(heights[0], reverse=True)
+    assert heights[1] == sorted(heights[1])
+    # Both distances are drawn to one scale: 2 mm stands higher than 1.6 mm.
+    assert heights[1][0] < heights[2][2] < heights[2][0] < heights[1][1]
+    assert "0.50 mm with 1" in markup

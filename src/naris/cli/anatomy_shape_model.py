@@ -14,6 +14,7 @@ from naris.cli.options import IfGiven, refuse
 if TYPE_CHECKING:
     from naris.anatomy.shape_model import ShapeModel
 
+PAGE = "shape_model.html"
 _VIRTUAL = 24
 
 
@@ -34,16 +35,18 @@ class Options:
 
 
 def run(options: Options, console: Console) -> int:
-    """Lays the reference on every patient, and keeps the mean and the modes."""
+    """Lays the reference on every patient, and keeps the mean and the modes, with a page on how good they are."""
     from naris.anatomy.correspondence import check_laid
     from naris.anatomy.shape_model import DESCRIPTION, FEWEST, MEAN, MODES, build_shape_model, save_shape_model
     from naris.anatomy.transfer import virtual_references
     from naris.cli.anatomies import open_anatomy
     from naris.cli.folders import check_own
+    from naris.core.atomic import write_text
     from naris.errors import InputError
+    from naris.report.shape_model_page import shape_model_page
 
     if not (options.out / DESCRIPTION).is_file():  # which is written last: the others may be of a run that was stopped
-        check_own(options.out, (MEAN, MODES), "a shape model")
+        check_own(options.out, (MEAN, MODES, PAGE), "a shape model")
     reference, _ = open_anatomy(options.reference)
     if options.patients:
         refuse(options, ("virtual",), "without patients", f"{len(options.patients)} of them")
@@ -60,8 +63,9 @@ def run(options: Options, console: Console) -> int:
                     patients.append(nose)
                     advance(1)
     model = build_shape_model(reference, patients, console.progress)
-    save_shape_model(model, options.out)
     data = _describe(model, options.out)
+    write_text(options.out / PAGE, shape_model_page(model, _facts(data)))
+    save_shape_model(model, options.out)
     console.answer(data, _text(data))
     return 0
 
@@ -72,20 +76,42 @@ def interrupted(options: Options) -> str:
 
 
 def _describe(model: ShapeModel, folder: Path) -> dict[str, Any]:
+    curves = vars(model.curves) if model.curves is not None else {}
     return {
         "patients": model.patients,
         "modes": len(model.share),
         "share": [round(float(one), 4) for one in model.share],
         "residual_mm": round(model.residual_mm, 3),
+        **{name: values.round(4).tolist() for name, values in curves.items()},
         "mean_digest": model.mean.digest,
         "folder": folder,
+        "page": folder / PAGE,
     }
 
 
-def _text(data: dict[str, Any]) -> str:
+def _facts(data: dict[str, Any]) -> dict[str, str]:
+    """What the model is and how good, with as many modes as it keeps, or as many as there are when one is left out."""
     first = ", ".join(f"{100 * one:.0f} %" for one in data["share"][:4])
-    return (
-        f"{data['modes']} modes of {data['patients']} noses, the first of them {first} of the variance\n"
-        f"laid on the patients, the reference lies {data['residual_mm']:.2f} mm from their surfaces on average\n"
-        f"kept in {data['folder']}; naris anatomy sample --model {data['folder']} draws patients from it"
-    )
+    modes = data["modes"]
+    kept = min(modes, len(data["generalisation_mm"]) - 1)
+    mean_mm, missed_mm = data["generalisation_mm"][0], data["generalisation_mm"][kept]
+    drawn_mm = data["specificity_mm"][modes]
+    return {
+        "modes": f"{modes}, the first of them {first} of the variance",
+        "residual": f"laid on the patients, the reference is {data['residual_mm']:.2f} mm off their surfaces",
+        "generalisation": f"a nose left out is met within {missed_mm:.2f} mm by {_modes(kept)} of the others, "
+        f"within {mean_mm:.2f} mm by their mean",
+        "specificity": f"a nose drawn with {_modes(modes)} is {drawn_mm:.2f} mm off the nearest of them",
+    }
+
+
+def _modes(count: int) -> str:
+    return "1 mode" if count == 1 else f"{count} modes"
+
+
+def _text(data: dict[str, Any]) -> str:
+    lines = [f"shape model of {data['patients']} noses"]
+    lines += [f"  {label:<15}{said}" for label, said in _facts(data).items()]
+    lines.append(f"kept in {data['folder']}, page in {data['page']}")
+    lines.append(f"naris anatomy sample --model {data['folder']} draws patients from it")
+    return "\n".join(lines)

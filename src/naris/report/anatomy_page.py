@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import resources
 
 from naris.airway.block import Block
 from naris.core.anatomy import Anatomy
 from naris.report.anatomy_figure import anatomy_caption, anatomy_figure
 from naris.report.anatomy_sheet import sheet
 from naris.report.data import AnatomyView
-from naris.report.markup import Markup, element, figure, table
+from naris.report.document import document
+from naris.report.markup import element, figure, table
 
 
 def anatomy_page(anatomy: Anatomy, region_set: str, facts: Mapping[str, str], scan: Block | None = None) -> str:
@@ -25,26 +25,15 @@ def anatomy_page(anatomy: Anatomy, region_set: str, facts: Mapping[str, str], sc
     Raises:
         RegionError: if the anatomy has no such region set.
     """
-    style = resources.files("naris.report").joinpath("style.css").read_text(encoding="utf-8")
     view = AnatomyView(anatomy, region_set)
     passages = [
         [one.name, f"{one.length_mm:.0f} mm", f"{one.clearance_mm.min():.2f}–{one.clearance_mm.max():.2f} mm"]
         for one in anatomy.passages
     ]
-    main = element(
-        "main",
-        element("header", element("h1", anatomy.name)),
+    return document(
+        anatomy.name,
         element("section", figure(anatomy_figure(view), anatomy_caption(view), "wide")),
         element("section", table(["", ""], [[label, said] for label, said in facts.items()])),
         sheet(anatomy, view.regions, scan),
         element("section", table(["passage", "length", "from its middle to the wall"], passages)) if passages else None,
     )
-    head = element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("meta", name="color-scheme", content="light dark"),
-        element("title", anatomy.name),
-        element("style", Markup(style)),
-    )
-    return "<!DOCTYPE html>\n" + element("html", head, element("body", main), lang="en") + "\n"

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from naris.anatomy.shape_curves import ShapeCurves
 from naris.report.data import NEIGHBOUR_DEG, NEIGHBOUR_MM, NetworkResult, Published, ReportData, Split
 from naris.report.markup import Markup, element, join
 from naris.report.plot import SHARE, Axes, Scale, drawing, label, legend, per_cent
@@ -193,6 +194,31 @@ def pose_charts(entries: Sequence[tuple[str, str, PoseErrors]]) -> Markup:
             words.append(f"{name}, median {np.median(values):.1f} {unit}")
         drawn.append(axes.draw(f"Cumulative pose error in {unit}: " + "; ".join(words), marks))
     return join(element("div", drawn, class_="row"), legend([(class_, name) for class_, name, _ in entries]))
+
+
+def shape_curve_charts(curves: ShapeCurves) -> Markup:
+    """Compactness, generalisation and specificity of a shape model against the number of its modes."""
+    most = len(curves.compactness) - 1
+    modes = Scale.linear(0, max(most, 1), "modes", count=min(5, max(most, 1)))
+    farthest = float(max(curves.generalisation_mm.max(), curves.specificity_mm.max(), 1e-3))
+    drawn = []
+    for name, scale, values, form in (
+        ("compactness", Scale(0, 1, SHARE.ticks, "compactness", form=per_cent), curves.compactness, per_cent),
+        ("generalisation", Scale.linear(0, farthest, "generalisation (mm)"), curves.generalisation_mm, _mm),
+        ("specificity", Scale.linear(0, farthest, "specificity (mm)"), curves.specificity_mm, _mm),
+    ):
+        axes = Axes(310, 250, modes, scale, margin=(58, 14, 18, 44))
+        at = np.arange(len(values), dtype=np.float64)
+        marks = [axes.curve(at, values, "q0")]
+        if len(at) <= _MANY_POINTS:
+            marks.append(axes.dots(at, values, "q0", radius=2.5))
+        said = f"{form(values[0])} without modes, {form(values[-1])} with {len(values) - 1}"
+        drawn.append(axes.draw(f"{name.capitalize()} against the number of modes: {said}", marks))
+    return element("div", drawn, class_="row")
+
+
+def _mm(value: float) -> str:
+    return f"{value:.2f} mm"
 
 
 def neighbour_chart(data: ReportData, splits: Sequence[Split]) -> Markup:
