@@ -30,6 +30,22 @@ def test_a_population_grows_and_is_the_same_again(tmp_path: Path, capfd: pytest.
     assert "seed 3" in capfd.readouterr().err
 
 
+@pytest.mark.slow
+def test_pictures_when_asked_of_those_that_are_there_too(
+    tmp_path: Path, mean_nose_ply: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    words = ["anatomy", "sample", "-o", str(tmp_path / "a"), "--around", str(mean_nose_ply), "--quiet", "--count"]
+    assert main([*words, "1"]) == 0
+    assert not (tmp_path / "a" / "0000" / "anatomy.html").exists()
+    assert main([*words, "2", "--pictures"]) == 0
+    assert "1 were there already, each with a picture" in capfd.readouterr().out
+    for number in range(2):
+        page = (tmp_path / "a" / f"{number:04d}" / "anatomy.html").read_text()
+        assert f"virtual patient {number} of seed 0" in page
+        assert "no face crosses another" in page
+    assert load_anatomy(str(tmp_path / "a" / "0001")).name == "virtual patient 1 of seed 0"
+
+
 def test_a_folder_with_something_else_is_left_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     assert main(["anatomy", "sample", "-o", str(tmp_path), "--quiet"]) == 2

@@ -54,14 +54,19 @@ def run(options: Options, console: Console) -> int:
     anatomy = anatomy.with_(regions={regions.name: regions, **others})
     data = _describe(anatomy)
     if options.out is not None:
-        from naris.core.atomic import write_text
-        from naris.report.anatomy_page import anatomy_page
-
         save_anatomy(anatomy, options.out)
-        write_text(options.out / PICTURE, anatomy_page(anatomy, regions.name, _facts(data)))
+        draw_page(anatomy, options.out)
         data |= {"folder": options.out, "picture": options.out / PICTURE}
     console.answer(data, _text(data))
     return 0
+
+
+def draw_page(anatomy: Anatomy, folder: Path) -> None:
+    """Writes the picture of an anatomy, with its first regions in colour, into its folder."""
+    from naris.core.atomic import write_text
+    from naris.report.anatomy_page import anatomy_page
+
+    write_text(folder / PICTURE, anatomy_page(anatomy, anatomy.region_set().name, _facts(_describe(anatomy))))
 
 
 def interrupted(options: Options) -> str:

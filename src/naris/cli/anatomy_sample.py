@@ -62,11 +62,14 @@ class Options:
     cycle_mm: IfGiven[float] = None
     """The nasal cycle: how far the mucosa of one side swells and the other's shrinks, in mm (standard deviation); 0.4
     when not given. Only with --around."""
+    pictures: bool = False
+    """Draw each patient as a page, anatomy.html in its folder, too; those that are there already as well."""
 
 
 def run(options: Options, console: Console) -> int:
-    """Makes the patients that are not there yet."""
-    from naris.anatomy.folder import DESCRIPTION, save_anatomy
+    """Makes the patients that are not there yet, and pictures of them if asked."""
+    from naris.anatomy.folder import DESCRIPTION, load_anatomy, save_anatomy
+    from naris.cli.anatomy import PICTURE, draw_page
     from naris.errors import NarisError
 
     draw, drawn_from = _population(options)
@@ -85,13 +88,16 @@ def run(options: Options, console: Console) -> int:
                 else:
                     save_anatomy(nose, folder)
                     made.append({"folder": folder, **_told(nose)})
+            if options.pictures and (folder / DESCRIPTION).is_file() and not (folder / PICTURE).is_file():
+                draw_page(load_anatomy(str(folder)), folder)
             advance(1)
     data = {"seed": options.seed, "count": options.count, "made": made, "missing": missing, "folder": options.out}
     kept = options.count - len(made) - len(missing)
     patients = "patient" if len(made) == 1 else "patients"
     already = f", {kept} were there already" if kept else ""
     none = f"; no nose came of {len(missing)} more, which stay missing" if missing else ""
-    console.answer(data, f"{len(made)} virtual {patients} made in {options.out}{already}{none}")
+    drawn = f", each with a picture ({PICTURE})" if options.pictures else ""
+    console.answer(data, f"{len(made)} virtual {patients} made in {options.out}{already}{none}{drawn}")
     return SOME_MISSING if missing else 0
 
 
