@@ -14,12 +14,15 @@ NarisError
 │   └── FetchError              a download that failed or has the wrong digest
 └── MachineError                what naris needs from the machine is missing (exit status 2)
     ├── DiskFull                no room to write
+    ├── OutOfMemory             too little memory for what was asked
     └── EngineUnavailable       the asked rendering engine cannot start here
 
 Every message is one sentence in three parts: what was expected, what came, what to do.
 """
 
 from __future__ import annotations
+
+import re
 
 
 class NarisError(Exception):
@@ -88,6 +91,17 @@ class MachineError(NarisError):
 
 class DiskFull(MachineError):
     """There is no room to write."""
+
+
+class OutOfMemory(MachineError):
+    """There is too little memory for what was asked."""
+
+    @classmethod
+    def of(cls, what: str, error: BaseException) -> OutOfMemory:
+        """For `what` was asked, such as `to read scan.nrrd`; says how much could not be had where the error knows."""
+        size = re.search(r"allocate ([\d.]+ \w+)", str(error))
+        got = f"none for another {size[1]}" if size else "too little"
+        return cls(f"memory enough {what}", got, "crop the scan, end other programs or take a larger machine")
 
 
 class EngineUnavailable(MachineError):

@@ -56,6 +56,8 @@ def run(options, console):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     elif options.what == "missing":
         Path("/no/such/file").read_text()
+    elif options.what == "memory":
+        raise MemoryError("Unable to allocate 7.45 GiB for an array with shape (1000000000,)")
     elif options.what == "bug":
         raise KeyError("oops")
     elif options.what == "interrupt":
@@ -229,6 +231,12 @@ def test_an_honest_no_is_status_1_with_an_answer(probe, capfd) -> None:
             "nameless",
             "DiskFull",
             "naris: expected room on the disk, got No space left on device; free some and try again\n",
+        ),
+        (
+            "memory",
+            "OutOfMemory",
+            "naris: expected memory enough for this, got none for another 7.45 GiB;"
+            " crop the scan, end other programs or take a larger machine\n",
         ),
         ("missing", "FileNotFoundError", "naris: cannot use /no/such/file: No such file or directory\n"),
     ],

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -47,3 +50,47 @@ def test_nothing_there(tmp_path: Path) -> None:
     (tmp_path / "a.nrrd").write_bytes(b"NRRD0004\n")
     with pytest.raises(ScanError, match="leave --series out"):
         read_scan(tmp_path / "a.nrrd", series="4")
+
+
+LITTLE_MEMORY = """
+import resource, sys
+from naris.ct.read import read_scan
+from naris.errors import OutOfMemory
+pages = int(open("/proc/self/statm").read().split()[0])
+most = pages * resource.getpagesize() + 60_000_000
+resource.setrlimit(resource.RLIMIT_AS, (most, most))
+try:
+    read_scan(sys.argv[1])
+except OutOfMemory as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="how much memory is in use is told on Linux alone")
+@pytest.mark.parametrize("name", ["a.nii.gz", "a.nii", "a.nrrd", "a.mha"])
+def test_too_little_memory_is_one_sentence(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    image = sitk.Image(512, 512, 128, sitk.sitkFloat32)
+    sitk.WriteImage(image, str(path), useCompression=name != "a.nii")
+    done = subprocess.run(
+        [sys.executable, "-c", LITTLE_MEMORY, str(path)], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.stdout.startswith(f"expected memory enough to read {name}, got "), done.stderr
+    assert done.stdout.endswith("; crop the scan, end other programs or take a larger machine\n")
+
+
+def test_libraries_are_silent(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    hu = grid()
+    hu[:8] = -1000
+    hu[8:16] = 40
+    datasets = images(hu, affine())
+    for dataset in datasets:
+        dataset.PixelData += b"\0" * 64
+    write(tmp_path, datasets)
+    path = min(file for file in tmp_path.rglob("*") if file.is_file())
+    path.write_bytes(path.read_bytes().replace(b"ORIGINAL", b"original"))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        read_scan(tmp_path)
+    assert told == []
+    assert capfd.readouterr() == ("", "")

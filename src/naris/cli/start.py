@@ -19,7 +19,7 @@ import naris
 from naris.cli.console import Console, console_for
 from naris.cli.options import check_numbers
 from naris.core.atomic import to_json
-from naris.errors import InputError, NarisError
+from naris.errors import InputError, NarisError, OutOfMemory
 
 if TYPE_CHECKING:
     from naris.cli import Verb
@@ -92,6 +92,9 @@ class _Outcome:
         elif isinstance(error, OSError) and error.filename is not None:
             self.status = BAD_INPUT
             self._fail(type(error).__name__, f"cannot use {error.filename}: {error.strerror}")
+        elif isinstance(error, MemoryError):
+            self.status = BAD_INPUT
+            self._fail("OutOfMemory", str(OutOfMemory.of("for this", error)))
         else:
             self.status = BUG
             traceback.print_exception(kind, error, where)

@@ -6,6 +6,8 @@ not a patient's is refused. NIfTI tells places in RAS, NRRD in what its header n
 
 from __future__ import annotations
 
+import logging
+import math
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,14 +21,25 @@ from jaxtyping import Float, Int16, Num
 
 from naris.core.volume import Volume
 from naris.ct.continuity import check_continuity
+from naris.ct.metaimage import check_values_are_there, meta_header
+from naris.ct.packed import check_payload
 from naris.ct.resample import upright
-from naris.ct.scan import MOST_VOXELS, Finding, Scan
+from naris.ct.scan import MOST_BYTES, MOST_VOXELS, Finding, Scan
 from naris.errors import ScanError
+
+log = logging.getLogger(__name__)
 
 _ENDS = {"R": (0, -1), "L": (0, 1), "A": (1, -1), "P": (1, 1), "I": (2, -1), "S": (2, 1)}
 _MILLIMETRES = {"meter": 1000.0, "mm": 1.0, "micron": 1e-3, "unknown": 1.0}
 _SKEWED_DEG = 0.1
-_CHUNK = 2**20
+_GZIP = b"\x1f\x8b"
+_PACKED = {"raw": None, "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
+_NRRD_TYPES = {
+    1: ("char", "uchar", "int8", "uint8"),
+    2: ("short", "ushort", "int16", "uint16"),
+    4: ("int", "uint", "int32", "uint32", "float"),
+    8: ("longlong", "ulonglong", "long long", "int64", "uint64", "double"),
+}
 _AFFINE_DIFFERS_MM = 0.5
 
 
@@ -37,11 +50,16 @@ def read_file(path: Path) -> Scan:
         ScanError: if it is none, breaks off, is too large, or does not say where in the patient its voxels are.
     """
     kind, read = _reader(path)
+    if path.is_file() and not path.stat().st_size:
+        raise ScanError(f"a whole {kind} file {path.name}", "an empty one", "copy or export it anew")
     try:
-        values, matrix, findings = read(path)
+        with nibabel.imageglobals.LoggingOutputSuppressor():
+            values, matrix, findings = read(path)
     except ScanError:
         raise
     except (OSError, EOFError, ValueError, RuntimeError, KeyError, StopIteration, TypeError, zlib.error) as error:
+        if "allocat" in str(error):
+            raise MemoryError("not enough for a library") from error
         raise _damaged(path, kind, error) from error
     except (nrrd.NRRDError, nibabel.filebasedimages.ImageFileError, nibabel.spatialimages.HeaderDataError) as error:
         raise _damaged(path, kind, error) from error
@@ -75,9 +93,11 @@ def _reader(path: Path) -> tuple[str, Callable[[Path], _Read]]:
 
 
 def _nifti(path: Path) -> _Read:
-    image = nibabel.load(path)
+    image: Any = nibabel.load(path)
     header: Any = image.header
-    _check_size(path, header.get_data_shape())
+    shape = [int(n) for n in header.get_data_shape()]
+    _check_wrapped(path, shape)
+    _check_size(path, shape, header.get_data_dtype().itemsize)
     if not int(header["sform_code"]) and not int(header["qform_code"]):
         raise ScanError(
             f"an sform or a qform in {path.name}, which say where the voxels are",
@@ -85,7 +105,7 @@ def _nifti(path: Path) -> _Read:
             "convert the scan again from DICOM",
         )
     findings: list[Finding] = []
-    affine = np.asarray(image.affine, dtype=np.float64)  # type: ignore[attr-defined]
+    affine = np.asarray(image.affine, dtype=np.float64)
     if int(header["sform_code"]) and int(header["qform_code"]):
         corner = np.append(np.array(header.get_data_shape()[:3]) - 1, 1)
         apart = float(np.linalg.norm((affine - header.get_qform()) @ corner))
@@ -97,14 +117,38 @@ def _nifti(path: Path) -> _Read:
     scale[3, 3] = 1.0
     if unit == "unknown":
         findings.append(Finding("unit", "the unit of length is not told; it was taken for mm"))
-    return np.asanyarray(image.dataobj).reshape(header.get_data_shape()[:3]), scale @ affine, findings  # type: ignore[attr-defined]
+    stored: Any = image.dataobj
+    size = math.prod(shape) * stored.dtype.itemsize
+    _check_nifti_payload(path, int(stored.offset) + size)
+    as_stored = float(stored.slope) == 1 and float(stored.inter) == 0
+    values = np.asanyarray(stored) if as_stored else image.get_fdata(caching="unchanged", dtype=np.float32)
+    return values.reshape(shape[:3]), scale @ affine, findings
+
+
+def _check_wrapped(path: Path, shape: Sequence[int]) -> None:
+    """NIfTI-1 counts voxels in 16 bits with a sign: more than it can count come out below zero."""
+    if min(shape, default=0) < 0:
+        told = "×".join(str(n % 2**16) for n in shape)
+        raise ScanError(
+            f"at most {2**15 - 1:,} voxels along an axis in {path.name}, as NIfTI-1 can count", told, "check the file"
+        )
+
+
+def _check_nifti_payload(path: Path, size: int) -> None:
+    with path.open("rb") as file:
+        packed = "gzip" if file.read(2) == _GZIP else None
+    check_payload(path, 0, size, packed)
 
 
 def _nrrd(path: Path) -> _Read:
     with path.open("rb") as file:
+        if file.read(4) != b"NRRD":
+            raise ScanError(f"an NRRD file {path.name}", "one that does not begin with NRRD", "check what it is")
+        file.seek(0)
         header = nrrd.read_header(file)
         start = file.tell()
-    _check_size(path, [int(n) for n in header.get("sizes", ())])
+    sizes, bytes_each = [int(n) for n in header.get("sizes", ())], _bytes_each(path, str(header.get("type")))
+    _check_size(path, sizes, bytes_each)
     if "data file" in header or "datafile" in header:
         raise ScanError(f"a scan in {path.name} itself", "a header of another file", "save it as one .nrrd file")
     if header.get("space") is None or header.get("space directions") is None or header.get("space origin") is None:
@@ -117,28 +161,39 @@ def _nrrd(path: Path) -> _Read:
     matrix = np.eye(4)
     matrix[:3, :3] = turn @ np.asarray(header["space directions"], dtype=np.float64).T
     matrix[:3, 3] = turn @ np.asarray(header["space origin"], dtype=np.float64)
-    if header.get("encoding") in ("gzip", "gz"):
-        _check_unpacked(path, start, int(np.prod(header["sizes"])) * 8)
+    encoding = str(header.get("encoding")).lower()
+    if any(int(header.get(skip, 0)) for skip in ("line skip", "lineskip", "byte skip", "byteskip")):
+        raise ScanError(f"values right behind the header in {path.name}", "some to skip", "save it as one .nrrd file")
+    if encoding in _PACKED:
+        check_payload(path, start, math.prod(sizes) * bytes_each, _PACKED[encoding])
     values, _ = nrrd.read(str(path))
     return values, matrix, []
 
 
+def _bytes_each(path: Path, kind: str) -> int:
+    """How many bytes an NRRD type such as `unsigned short` or `int16_t` has."""
+    plain = kind.lower().removeprefix("unsigned ").removeprefix("signed ").removesuffix(" int").removesuffix("_t")
+    for size, names in _NRRD_TYPES.items():
+        if plain in names:
+            return size
+    raise ScanError(f"numbers of a known type in {path.name}", f"type {kind[:40]}", "save the scan again as short")
+
+
 def _meta_image(path: Path) -> _Read:
+    header = meta_header(path)
+    _check_size(path, header.sizes, header.bytes_each)
+    if header.channels != 1:
+        raise ScanError(f"one value a voxel in {path.name}", f"{header.channels}", "give the CT itself")
+    check_values_are_there(header)
     sitk.ProcessObject.SetGlobalWarningDisplay(False)
-    reader = sitk.ImageFileReader()
-    reader.SetFileName(str(path))
-    reader.ReadImageInformation()
-    _check_size(path, reader.GetSize())
-    if reader.GetNumberOfComponents() != 1:
-        raise ScanError(f"one value a voxel in {path.name}", f"{reader.GetNumberOfComponents()}", "give the CT itself")
-    image = reader.Execute()
+    image = sitk.ReadImage(str(path))
     matrix = np.eye(4)
     matrix[:3, :3] = np.array(image.GetDirection()).reshape(3, 3) * image.GetSpacing()
     matrix[:3, 3] = image.GetOrigin()
     return sitk.GetArrayFromImage(image).transpose(2, 1, 0), matrix, []
 
 
-def _check_size(path: Path, shape: Sequence[int]) -> None:
+def _check_size(path: Path, shape: Sequence[int], bytes_each: int) -> None:
     """Three axes of more than one voxel (later ones of one), and no more voxels than a scan has."""
     sizes = [int(n) for n in shape]
     told = "×".join(map(str, sizes)) or "no size"
@@ -146,6 +201,9 @@ def _check_size(path: Path, shape: Sequence[int]) -> None:
         raise ScanError(f"a scan with three axes in {path.name}", told, "give a whole CT")
     if float(np.prod([float(n) for n in sizes])) > MOST_VOXELS:
         raise ScanError(f"a scan of at most {MOST_VOXELS:,} voxels in {path.name}", told, "crop it or check the file")
+    if math.prod(sizes) * bytes_each > MOST_BYTES:
+        told += f" of {bytes_each} bytes"
+        raise ScanError(f"at most {MOST_BYTES:,} bytes of values in {path.name}", told, "save it as short, or crop it")
 
 
 def _to_lps(path: Path, space: str) -> Float[np.ndarray, "3 3"]:
@@ -166,28 +224,21 @@ def _to_lps(path: Path, space: str) -> Float[np.ndarray, "3 3"]:
     return turn
 
 
-def _check_unpacked(path: Path, start: int, most: int) -> None:
-    """See that packed data do not grow beyond what the header asks for, before a library unpacks all of them."""
-    unpacker = zlib.decompressobj(zlib.MAX_WBITS | 16)
-    size = 0
-    with path.open("rb") as file:
-        file.seek(start)
-        while packed := (unpacker.unconsumed_tail or file.read(_CHUNK)):
-            size += len(unpacker.decompress(packed, _CHUNK))
-            if size > most:
-                raise ScanError(
-                    f"at most {most:,} bytes of values in {path.name}, as its header says", "more", "check the file"
-                )
-
-
 def _as_hu(values: Num[np.ndarray, "ni nj nk"]) -> Int16[np.ndarray, "ni nj nk"]:
     if values.dtype == np.int16:
         return values
     limits = np.iinfo(np.int16)
-    finite = np.nan_to_num(values.astype(np.float32, copy=False), nan=limits.min, posinf=limits.max, neginf=limits.min)
-    return np.rint(np.clip(finite, limits.min, limits.max)).astype(np.int16)
+    out = np.empty(values.shape, np.int16, order="F" if values.flags.f_contiguous else "C")
+    for k in range(values.shape[2]):  # slice by slice: several copies of a whole scan do not fit everywhere
+        real = values[:, :, k].astype(np.float64)
+        finite = np.nan_to_num(real, nan=limits.min, posinf=limits.max, neginf=limits.min)
+        out[:, :, k] = np.rint(np.clip(finite, limits.min, limits.max))
+    return out
 
 
 def _damaged(path: Path, kind: str, error: Exception) -> ScanError:
-    clause = str(error).split("\n", 1)[0].replace(str(path), path.name).rstrip(".")[:120] or type(error).__name__
-    return ScanError(f"a whole {kind} file {path.name}", f"a damaged one ({clause})", "copy or export it anew")
+    """In our words: what libraries say is made for their authors, and names places where they were built."""
+    log.debug("%s: %s", type(error).__name__, error)
+    return ScanError(
+        f"a whole {kind} file {path.name}", "one that is damaged, or something else", "copy or export it anew"
+    )

@@ -16,7 +16,7 @@ from naris.ct.packed import dicom_whole
 from naris.ct.series import Image
 from naris.errors import ScanError
 
-LOG = logging.getLogger(__name__)
+log = logging.getLogger(__name__)
 
 
 def hu_of_all(images: Sequence[Image], progress: Progress) -> Int16[np.ndarray, "ni nj nk"]:
@@ -62,7 +62,7 @@ def _stored(path: Path) -> np.ndarray:
             return _decompressed(path, dataset)
         return np.asarray(dataset.pixel_array)
     except (AttributeError, EOFError, KeyError, NotImplementedError, OSError, RuntimeError, ValueError) as error:
-        LOG.debug("%s: %s", path.name, type(error).__name__)
+        log.debug("%s: %s", path.name, type(error).__name__)
         raise ScanError(
             f"the pixels of {path.name}", "fewer than its header says, or none that can be read", "copy the file anew"
         ) from error

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import logging
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +15,9 @@ from naris.ct.dicom import read_dicom
 from naris.ct.files import read_file
 from naris.ct.scan import Scan
 from naris.ct.values import check_values
-from naris.errors import ScanError
+from naris.errors import OutOfMemory, ScanError
+
+log = logging.getLogger(__name__)
 
 _MAGIC = b"DICM"
 
@@ -25,8 +32,17 @@ def read_scan(path: Path | str, series: str | None = None, progress: Progress = 
 
     Raises:
         ScanError: if it cannot be read, its geometry is incomplete or contradicts itself, or its values are no CT's.
+        OutOfMemory: if it does not fit.
     """
     path = Path(path)
+    try:
+        with _without_chatter():
+            return _read(path, series, progress)
+    except MemoryError as error:
+        raise OutOfMemory.of(f"to read {path.name}", error) from error
+
+
+def _read(path: Path, series: str | None, progress: Progress) -> Scan:
     if not path.exists():
         raise ScanError(f"a scan at {path}", "nothing there", "check the path")
     if path.is_dir() or _is_dicom(path):
@@ -36,6 +52,15 @@ def read_scan(path: Path | str, series: str | None = None, progress: Progress = 
     else:
         scan = read_file(path)
     return replace(scan, findings=(*scan.findings, *check_values(scan)))
+
+
+@contextmanager
+def _without_chatter() -> Iterator[None]:
+    """Warnings of libraries are only counted, at debug level: some of their texts quote the patient's header."""
+    with warnings.catch_warnings(record=True) as told:
+        yield
+    for kind, count in Counter(one.category.__name__ for one in told).items():
+        log.debug("libraries warned while reading: %s, %d times", kind, count)
 
 
 def _is_dicom(path: Path) -> bool:
