@@ -18,6 +18,7 @@ from naris.anatomy.builtin.routes import routes
 from naris.anatomy.builtin.variants import Alteration, altered, told
 from naris.anatomy.crossings import uncrossed
 from naris.anatomy.distance import signed_distance
+from naris.anatomy.handles import without_small_handles
 from naris.anatomy.level_set import only_lumen, softened, surface, taubin
 from naris.anatomy.passages import find_passages
 from naris.anatomy.regions import paper_slabs
@@ -64,7 +65,7 @@ def shape_of(
     at = layout_of(parameters)
     grid = grid_for(parameters, at, resolution_mm)
     field = altered(lumen_field(parameters, at, grid), grid, alterations)
-    lumen = only_lumen(softened(field, resolution_mm))
+    lumen = without_small_handles(only_lumen(softened(field, resolution_mm)), resolution_mm)
     vertices, faces = surface(lumen, grid.origin_mm, grid.spacing_mm)
     smoothed = uncrossed(vertices, taubin(vertices, faces, _SMOOTHING_STEPS, _PASS_BAND), faces)
     return Shape(smoothed, faces, lumen, grid, at)

@@ -22,7 +22,7 @@ _BORDER_MM = 1.5
 
 
 def whole_septum(p: NoseParameters, at: Layout, grid: Grid, lumen: Field) -> Field:
-    """The lumen with about 1.5 mm of septum at least where it would have had a hole or nearly so; no other node changes.
+    """The lumen with at least about 1.5 mm of septum where it would have had a hole or nearly so, else unchanged.
 
     In front of the posterior border alone: there the nasopharynx begins (see `nasopharynx`).
     """
