@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,16 @@ import pydicom
 from pydicom.dataset import FileDataset, FileMetaDataset
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
 
+from naris.core.volume import Volume
+
 PATIENT = "Doe^Jane"
 INTERCEPT = -1024
+UPRIGHT = [
+    np.array([np.eye(3)[axis] * sign for axis, sign in zip(order, signs, strict=True)]).T
+    for order in itertools.permutations(range(3))
+    for signs in itertools.product((1, -1), repeat=3)
+]
+PROPER = [turn for turn in UPRIGHT if np.linalg.det(turn) > 0]
 
 
 def grid(seed: int = 0, shape: tuple[int, int, int] = (24, 20, 12)) -> np.ndarray:
@@ -87,3 +96,12 @@ def write(folder: Path, datasets: list[FileDataset], seed: int = 0, prefix: str 
         path.parent.mkdir(parents=True, exist_ok=True)
         pydicom.dcmwrite(path, dataset, enforce_file_format=True)
     return folder
+
+
+def assert_voxels_are_at(volume: Volume, hu: np.ndarray, matrix: np.ndarray) -> None:
+    """Each voxel of `hu`, put into the patient by `matrix`, is found there in the volume."""
+    index = np.stack(np.meshgrid(*map(np.arange, hu.shape), indexing="ij"), axis=-1).reshape(-1, 3)
+    places = index @ matrix[:3, :3].T + matrix[:3, 3]
+    there = np.rint(volume.index(places)).astype(int)
+    np.testing.assert_allclose(volume.points_mm(there), places, atol=1e-3)
+    np.testing.assert_array_equal(volume.hu[tuple(there.T)], hu.reshape(-1))

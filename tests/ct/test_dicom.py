@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import logging
 from pathlib import Path
 
@@ -14,28 +13,11 @@ from hypothesis import strategies as st
 from pydicom.uid import JPEG2000Lossless, RLELossless, generate_uid
 from scipy.spatial.transform import Rotation
 
-from naris.core.volume import Volume
 from naris.ct.dicom import read_dicom
 from naris.ct.resample import sampled
 from naris.ct.series import contents_of
 from naris.errors import ScanError
-from tests.ct.dicom_files import INTERCEPT, PATIENT, affine, grid, images, write
-
-UPRIGHT = [
-    np.array([np.eye(3)[axis] * sign for axis, sign in zip(order, signs, strict=True)]).T
-    for order in itertools.permutations(range(3))
-    for signs in itertools.product((1, -1), repeat=3)
-]
-PROPER = [turn for turn in UPRIGHT if np.linalg.det(turn) > 0]
-
-
-def assert_voxels_are_at(volume: Volume, hu: np.ndarray, matrix: np.ndarray) -> None:
-    """Each voxel of `hu`, put into the patient by `matrix`, is found there in the volume."""
-    index = np.stack(np.meshgrid(*map(np.arange, hu.shape), indexing="ij"), axis=-1).reshape(-1, 3)
-    places = index @ matrix[:3, :3].T + matrix[:3, 3]
-    there = np.rint(volume.index(places)).astype(int)
-    np.testing.assert_allclose(volume.points_mm(there), places, atol=1e-3)
-    np.testing.assert_array_equal(volume.hu[tuple(there.T)], hu.reshape(-1))
+from tests.ct.dicom_files import INTERCEPT, PATIENT, PROPER, affine, assert_voxels_are_at, grid, images, write
 
 
 @pytest.mark.parametrize("turn", PROPER, ids=lambda turn: "".join("xyz"[np.abs(c).argmax()] for c in turn.T))

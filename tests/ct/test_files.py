@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from naris.ct.files import read_file
 from naris.errors import ScanError
-from tests.ct.dicom_files import grid
+from tests.ct.dicom_files import PROPER, assert_voxels_are_at, grid
+from tests.ct.dicom_files import affine as along_axes
 
 TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -71,6 +72,22 @@ def test_every_voxel_is_where_it_was_put_and_where_simpleitk_finds_it(
         scan.volume.points_mm(np.array(index)), theirs.TransformIndexToPhysicalPoint(index), atol=1e-3
     )
     assert scan.volume.hu[index] == theirs[index]
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.mha", "a.mhd"])
+@pytest.mark.parametrize("turn", PROPER, ids=lambda turn: "".join("xyz"[np.abs(c).argmax()] for c in turn.T))
+def test_known_voxels_are_found_in_the_patient_for_every_orientation(
+    turn: np.ndarray, name: str, tmp_path: Path
+) -> None:
+    hu, matrix = grid(shape=(7, 6, 5)), along_axes(turn)
+    assert_voxels_are_at(read_file(write(tmp_path / name, hu, matrix)).volume, hu, matrix)
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nrrd", "a.mha"])
+@pytest.mark.parametrize("seed", range(8))
+def test_and_for_oblique_ones(seed: int, name: str, tmp_path: Path) -> None:
+    hu, matrix = grid(seed, (7, 6, 5)), affine(seed)
+    assert_voxels_are_at(read_file(write(tmp_path / name, hu, matrix)).volume, hu, matrix)
 
 
 @pytest.mark.parametrize(
