@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from naris.anatomy.builtin.implicit import Field, Grid
 from naris.anatomy.builtin.layout import Y_TIP_MM, Z_FLOOR_MM, Layout
@@ -14,13 +14,15 @@ from naris.errors import InputError
 Point = Float[np.ndarray, "3"]
 SIDES = {"left": 1, "right": -1}
 ON_THE_WALL = ("anterior tip", "posterior wall", "nasal floor")
+_BEHIND_CHOANA_MM = 1.0
 _SEARCH_MM = (2.0, 3.5, 5.0)
 
 
 def landmarks_mm(p: NoseParameters, at: Layout, clearance_mm: Field, grid: Grid) -> dict[str, Point]:
     """Points in mm in the frame of the nose, those of a side called `left.` or `right.`.
 
-    Those in `ON_THE_WALL` lie near the mucosa as the parameters say; all others in the middle of the air around there.
+    Those in `ON_THE_WALL` lie near the mucosa as the parameters say, a choana as `choana_mm` says,
+    all others where the air around there is roomiest.
 
     Raises:
         InputError: if there is no air at one of them.
@@ -33,10 +35,33 @@ def landmarks_mm(p: NoseParameters, at: Layout, clearance_mm: Field, grid: Grid)
     }
     for name, side in SIDES.items():
         points |= {f"{name}.{what}": point for what, point in _of_side(p, at, side).items()}
-    return {
+    found = {
         name: point if name.endswith(ON_THE_WALL) else _roomiest(point, clearance_mm, grid, name)
         for name, point in points.items()
     }
+    return found | {f"{name}.choana": choana_mm(p, at, side, clearance_mm > 0, grid) for name, side in SIDES.items()}
+
+
+def choana_mm(p: NoseParameters, at: Layout, side: int, air: Bool[np.ndarray, "nx ny nz"], grid: Grid) -> Point:
+    """The middle of one choana: of the air of its side in the coronal section 1 mm behind `y_choana`.
+
+    From the nasal floor up to the arch of the choana; the centroid of the area, or the node of air nearest to it where
+    that is tissue (by a turbinate's tail, say). There the posterior border of the septum begins, which leans backwards.
+
+    Raises:
+        InputError: if there is no air.
+    """
+    y_mm = at.y_choana + _BEHIND_CHOANA_MM
+    row = int(np.abs(grid.y_mm - y_mm).argmin())
+    of_side = side * (grid.x_mm[:, None] - septum_centre_mm(p, at, np.array([y_mm]), grid.z_mm)) > 0
+    within = (grid.z_mm >= Z_FLOOR_MM) & (grid.z_mm <= Z_FLOOR_MM + p.choana_height_mm)
+    nodes = np.argwhere(air[:, row] & of_side & within)
+    if not len(nodes):
+        raise InputError("air at the choana", "a nose that is closed there", "widen the choanae")
+    middle = nodes.mean(axis=0)
+    nearest = nodes[np.linalg.norm(nodes - middle, axis=1).argmin()]
+    i, k = middle if (np.abs(nearest - middle) <= 0.5).all() else nearest
+    return np.array([grid.x_mm[0] + i * grid.spacing_mm, y_mm, grid.z_mm[0] + k * grid.spacing_mm], dtype=np.float64)
 
 
 def _of_side(p: NoseParameters, at: Layout, side: int) -> dict[str, Point]:
@@ -68,7 +93,7 @@ def _of_side(p: NoseParameters, at: Layout, side: int) -> dict[str, Point]:
         "olfactory approach": medial(middle_y, 26.0, 0.5 * p.middle_olfactory_gap_mm),
         "superior meatus": medial(at.y_superior_tail - 1, 31.0, 1.6),
         "olfactory cleft": medial(at.y_superior_head, 37.0, 0.5 * p.olfactory_cleft_width_mm),
-        "choana": medial(at.y_choana - 1, 0.45 * p.choana_height_mm, 0.5 * p.choana_width_mm),
+        "choana approach": medial(at.y_choana - 1, 0.45 * p.choana_height_mm, 0.5 * p.choana_width_mm),
         "eustachian opening": np.array([side * (p.nasopharynx_width_mm / 2 - 2.4), tube_y, tube_z]),
     }
 

@@ -9,9 +9,9 @@ from naris.anatomy.builtin.landmarks import SIDES
 from naris.anatomy.passages import Route
 
 _THROUGH = {
-    "septal": ("nostril", "valve", "common meatus", "choana", "nasopharynx"),
+    "septal": ("nostril", "valve", "common meatus", "choana approach", "nasopharynx"),
     "inferior": ("nostril", "valve", "inferior meatus entrance", "inferior meatus"),
-    "middle": ("nostril", "valve", "middle meatus", "choana", "nasopharynx"),
+    "middle": ("nostril", "valve", "middle meatus", "choana approach", "nasopharynx"),
     "superior": ("nostril", "valve", "olfactory approach", "superior meatus"),
 }
 
