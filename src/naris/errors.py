@@ -99,8 +99,8 @@ class OutOfMemory(MachineError):
     @classmethod
     def of(cls, what: str, error: BaseException) -> OutOfMemory:
         """For `what` was asked, such as `to read scan.nrrd`; says how much could not be had where the error knows."""
-        size = re.search(r"allocate ([\d.]+ \w+)", str(error))
-        got = f"none for another {size[1]}" if size else "too little"
+        size = re.search(r"allocate (\d+(?:\.\d+)?)\.? (\w+)", str(error))
+        got = f"none for another {size[1]} {size[2]}" if size else "too little"
         return cls(f"memory enough {what}", got, "crop the scan, end other programs or take a larger machine")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import contextlib
 import gzip
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import nrrd
 import numpy as np
 import pytest
 import SimpleITK as sitk
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from naris.ct.files import read_file
 from naris.errors import ScanError
@@ -106,6 +109,17 @@ def test_what_no_program_writes_is_refused(kind: str, message: str, tmp_path: Pa
         read_file(broken_by_hand(kind, tmp_path))
 
 
+def test_axes_so_oblique_that_no_lattice_holds_them(tmp_path: Path) -> None:
+    directions = np.array([[1, 0, 0], [0, 1, 0], [20, 0, 1]])
+    nrrd.write(
+        str(tmp_path / "a.nrrd"),
+        grid(shape=(4, 400, 400)),
+        {"space": "LPS", "space directions": directions, "space origin": np.zeros(3)},
+    )
+    with pytest.raises(ScanError, match="voxels once it is upright"):
+        read_file(tmp_path / "a.nrrd")
+
+
 @pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.mha", "packed.mha", "a.mhd"])
 def test_more_values_than_the_header_says(name: str, tmp_path: Path) -> None:
     path = write(tmp_path / name, grid(shape=(24, 20, 40)), affine(0))
@@ -156,3 +170,21 @@ def test_a_meta_image_whose_header_will_not_do(old: bytes, new: bytes, message: 
     path.write_bytes(path.read_bytes().replace(old, new))
     with pytest.raises(ScanError, match=message):
         read_file(path)
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.mha", "a.mhd"])
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_damaged_header_is_read_or_refused_and_nothing_else(
+    name: str, seed: int, tmp_path_factory: pytest.TempPathFactory, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path_factory.mktemp("s") / name, grid(), affine(0))
+    content, rng = bytearray(path.read_bytes()), np.random.default_rng(seed)
+    for _ in range(rng.integers(1, 4)):
+        at = int(rng.integers(min(len(content) - 8, 400)))
+        kept = int(rng.integers(0, 3))
+        content[at : at + kept] = rng.integers(256, size=int(rng.integers(0, 3)), dtype=np.uint8).tobytes()
+    path.write_bytes(content)
+    with contextlib.suppress(ScanError):
+        read_file(path)
+    assert capfd.readouterr() == ("", "")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -226,3 +228,21 @@ def test_a_folder_without_images(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("hello")
     with pytest.raises(ScanError, match="1 files, none of them one"):
         read_dicom(tmp_path)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_damaged_file_is_read_or_refused_and_nothing_else(
+    seed: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = write(tmp_path_factory.mktemp("s"), images(grid(shape=(8, 8, 4)), affine()))
+    path = min(file for file in folder.rglob("*") if file.is_file())
+    content, rng = bytearray(path.read_bytes()), np.random.default_rng(seed)
+    for _ in range(rng.integers(1, 4)):
+        at = int(rng.integers(132, len(content) - 8))
+        kept = int(rng.integers(0, 3))
+        content[at : at + kept] = rng.integers(256, size=int(rng.integers(0, 3)), dtype=np.uint8).tobytes()
+    path.write_bytes(content)
+    with warnings.catch_warnings(), contextlib.suppress(ScanError):
+        warnings.simplefilter("ignore")
+        read_dicom(folder)

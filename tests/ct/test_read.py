@@ -12,7 +12,7 @@ import pytest
 import SimpleITK as sitk
 
 from naris.ct.read import read_scan
-from naris.errors import ScanError
+from naris.errors import OutOfMemory, ScanError
 from tests.ct.dicom_files import affine, grid, images, write
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
@@ -94,3 +94,15 @@ def test_libraries_are_silent(tmp_path: Path, capfd: pytest.CaptureFixture[str])
         read_scan(tmp_path)
     assert told == []
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ("Unable to allocate 512. MiB for an array with shape (2, 2)", "got none for another 512 MiB;"),
+        ("Unable to allocate 7.45 GiB for an array", "got none for another 7.45 GiB;"),
+        ("", "got too little;"),
+    ],
+)
+def test_how_much_memory_was_asked_for(said: str, told: str) -> None:
+    assert told in str(OutOfMemory.of("to read a.nrrd", MemoryError(said)))

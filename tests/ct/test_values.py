@@ -92,3 +92,10 @@ def test_below_the_skin_is_found_from_every_side_and_not_where_the_head_is_cut()
     assert below_skin_hu(volume) == pytest.approx(-90, abs=1)
     middle = Volume(volume.hu[20:50, 20:50, 20:50].copy(), np.eye(4))
     assert below_skin_hu(middle) is None
+
+
+@pytest.mark.parametrize("size_mm", [1e-20, 0.001, 400.0])
+def test_voxels_of_no_size_that_scanners_make(size_mm: float) -> None:
+    hu = scan(phantom(-1000, -90, 40, 900)).volume.hu
+    with pytest.raises(ScanError, match=r"voxels of 0.02 to 30 mm, got 1×1×"):
+        check_values(Scan(Volume(hu, np.diag([1, 1, size_mm, 1])), "NRRD", 1.0))

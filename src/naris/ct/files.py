@@ -9,19 +9,19 @@ from __future__ import annotations
 import logging
 import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import nibabel
 import nrrd
 import numpy as np
-import SimpleITK as sitk
 from jaxtyping import Float, Int16, Num
 
 from naris.core.volume import Volume
 from naris.ct.continuity import check_continuity
-from naris.ct.metaimage import check_values_are_there, meta_header
+from naris.ct.metaimage import meta_header, meta_values
 from naris.ct.packed import check_payload
 from naris.ct.resample import upright
 from naris.ct.scan import MOST_BYTES, MOST_VOXELS, Finding, Scan
@@ -53,7 +53,7 @@ def read_file(path: Path) -> Scan:
     if path.is_file() and not path.stat().st_size:
         raise ScanError(f"a whole {kind} file {path.name}", "an empty one", "copy or export it anew")
     try:
-        with nibabel.imageglobals.LoggingOutputSuppressor():
+        with _silent(nibabel.imageglobals.logger):
             values, matrix, findings = read(path)
     except ScanError:
         raise
@@ -71,6 +71,16 @@ def read_file(path: Path) -> Scan:
         findings = [*findings, Finding("tilt", text, "warning")]
         volume = upright(volume)
     return Scan(volume, kind, slice_mm, tuple(findings))
+
+
+@contextmanager
+def _silent(logger: logging.Logger) -> Iterator[None]:
+    """nibabel tells on stderr what it mends in a header, whoever asked it."""
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
 
 
 def _slice_axis(volume: Volume) -> int:
@@ -181,16 +191,8 @@ def _bytes_each(path: Path, kind: str) -> int:
 
 def _meta_image(path: Path) -> _Read:
     header = meta_header(path)
-    _check_size(path, header.sizes, header.bytes_each)
-    if header.channels != 1:
-        raise ScanError(f"one value a voxel in {path.name}", f"{header.channels}", "give the CT itself")
-    check_values_are_there(header)
-    sitk.ProcessObject.SetGlobalWarningDisplay(False)
-    image = sitk.ReadImage(str(path))
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.array(image.GetDirection()).reshape(3, 3) * image.GetSpacing()
-    matrix[:3, 3] = image.GetOrigin()
-    return sitk.GetArrayFromImage(image).transpose(2, 1, 0), matrix, []
+    _check_size(path, header.sizes, header.kind.itemsize)
+    return meta_values(header), header.matrix, []
 
 
 def _check_size(path: Path, shape: Sequence[int], bytes_each: int) -> None:

@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 import pydicom
 from jaxtyping import Float32, Int16
+from pydicom.errors import BytesLengthException
 
 from naris.core.progress import Progress
 from naris.ct.packed import dicom_whole
 from naris.ct.series import Image
 from naris.errors import ScanError
 
+_NOT_READ = (
+    AttributeError, BytesLengthException, EOFError, IndexError, KeyError, NotImplementedError, OSError, RuntimeError,
+    TypeError, ValueError,
+)  # fmt: skip
 log = logging.getLogger(__name__)
 
 
@@ -61,7 +66,7 @@ def _stored(path: Path) -> np.ndarray:
         if dataset.file_meta.TransferSyntaxUID.is_compressed:
             return _decompressed(path, dataset)
         return np.asarray(dataset.pixel_array)
-    except (AttributeError, EOFError, KeyError, NotImplementedError, OSError, RuntimeError, ValueError) as error:
+    except _NOT_READ as error:
         log.debug("%s: %s", path.name, type(error).__name__)
         raise ScanError(
             f"the pixels of {path.name}", "fewer than its header says, or none that can be read", "copy the file anew"

@@ -9,7 +9,9 @@ from jaxtyping import Float, Float32, Int16
 from scipy.ndimage import affine_transform, map_coordinates
 
 from naris.core.volume import Volume
+from naris.ct.scan import MOST_VOXELS
 from naris.ct.slices import Stack
+from naris.errors import ScanError
 
 AIR_HU = -1024
 """What stands where a resampled scan has nothing."""
@@ -48,6 +50,9 @@ def upright(volume: Volume) -> Volume:
     The first two axes and their spacing stay; the third becomes their normal. Trilinear through the true matrix. In the
     wedges where the scan has nothing stands the nearest value of its edge: any one value would be a cavity of air or a
     wall that is not there.
+
+    Raises:
+        ScanError: if the lattice is larger than any scan.
     """
     axes, spacing = volume.axes.copy(), volume.spacing_mm.copy()
     normal = np.cross(axes[:, 0], axes[:, 1])
@@ -57,7 +62,11 @@ def upright(volume: Volume) -> Volume:
     corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) * (np.array(volume.shape) - 1)
     along = volume.points_mm(corners) @ axes / spacing
     low = along.min(axis=0)
-    shape = tuple(int(n) for n in np.ceil(np.round(along.max(axis=0) - low, 6)) + 1)
+    extent = np.ceil(np.round(along.max(axis=0) - low, 6)) + 1
+    if not float(np.prod(extent)) <= MOST_VOXELS:
+        told = "×".join(f"{n:.0f}" for n in extent)
+        raise ScanError(f"a scan of at most {MOST_VOXELS:,} voxels once it is upright", told, "check its geometry")
+    shape = tuple(int(n) for n in extent)
     matrix = np.eye(4)
     matrix[:3, :3] = axes * spacing
     matrix[:3, 3] = axes @ (low * spacing)

@@ -8,13 +8,14 @@ from __future__ import annotations
 import hashlib
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pydicom
-from pydicom.errors import InvalidDicomError
+from pydicom.errors import BytesLengthException, InvalidDicomError
 from pydicom.uid import CTImageStorage, EnhancedCTImageStorage, MediaStorageDirectoryStorage
 
 from naris.core.progress import SILENT, Progress
@@ -22,6 +23,9 @@ from naris.ct.packed import dicom_header
 from naris.ct.slices import Plane
 from naris.errors import ScanError
 
+_NOT_UNDERSTOOD = (
+    AttributeError, BytesLengthException, IndexError, KeyError, NotImplementedError, TypeError, ValueError,
+)  # fmt: skip
 _MOST_PIXELS = 2**14
 _TAGS = [
     "SOPClassUID", "SeriesInstanceUID", "SeriesNumber", "Modality", "ImageType", "Rows", "Columns", "NumberOfFrames",
@@ -151,18 +155,32 @@ def _header(path: Path) -> Any | None:
     """The tags that we read of a DICOM file; None for directories of them (DICOMDIR)."""
     try:
         header = pydicom.dcmread(dicom_header(path), stop_before_pixels=True, specific_tags=list(_TAGS))
-    except (InvalidDicomError, EOFError, ValueError, KeyError, NotImplementedError) as error:
+    except (*_NOT_UNDERSTOOD, InvalidDicomError, EOFError) as error:
         raise ScanError(
             f"a whole DICOM file {path.name}", "one that breaks off in its header", "copy it anew"
         ) from error
     except OSError as error:
         raise _unreadable(path, error) from error
-    if header.file_meta.get("MediaStorageSOPClassUID") == MediaStorageDirectoryStorage:
-        return None
-    is_ct = header.get("SOPClassUID") in (CTImageStorage, EnhancedCTImageStorage)
-    if "SeriesInstanceUID" not in header or (is_ct and not {"Rows", "Columns"} <= set(header.dir())):
-        raise _broken_off(path)
+    with _values_understood(path):
+        if header.file_meta.get("MediaStorageSOPClassUID") == MediaStorageDirectoryStorage:
+            return None
+        is_ct = header.get("SOPClassUID") in (CTImageStorage, EnhancedCTImageStorage)
+        if header.get("SeriesInstanceUID") is None or (is_ct and not {"Rows", "Columns"} <= set(header.dir())):
+            raise _broken_off(path)
     return header
+
+
+@contextmanager
+def _values_understood(path: Path) -> Iterator[None]:
+    """Values are turned from bytes when they are first looked at, so that is where a damaged one is found."""
+    try:
+        yield
+    except _NOT_UNDERSTOOD as error:
+        raise ScanError(
+            f"a DICOM header with numbers where they belong in {path.name}",
+            "one with something else",
+            "export the series again",
+        ) from error
 
 
 def _unreadable(path: Path, error: OSError) -> ScanError:
@@ -178,29 +196,25 @@ def _broken_off(path: Path) -> ScanError:
 def _series(uid: str, files: Sequence[tuple[Path, Any]]) -> Series:
     first = files[0][1]
     images: list[Image] = []
-    localisers = 0
+    localisers, inverted = 0, False
     for path, header in files:
-        if {"LOCALIZER", "SCOUT"} & {str(kind).upper() for kind in header.get("ImageType", [])}:
-            localisers += 1
-            continue
-        try:
-            images += _images(path, header)
-        except (ValueError, TypeError, IndexError, AttributeError) as error:
-            raise ScanError(
-                f"a DICOM header with numbers where they belong in {path.name}",
-                "one with something else",
-                "export the series again",
-            ) from error
-    number = first.get("SeriesNumber")
-    inverted = any(str(header.get("PhotometricInterpretation", "")) == "MONOCHROME1" for _, header in files)
-    return Series(
-        _letters(uid) or "",
-        None if number is None else int(number),
-        str(first.get("Modality", "")),
-        tuple(images),
-        localisers,
-        inverted,
-    )
+        with _values_understood(path):
+            inverted |= str(header.get("PhotometricInterpretation", "")) == "MONOCHROME1"
+            kinds = str(header.get("ImageType") or "").upper()
+            if "LOCALIZER" in kinds or "SCOUT" in kinds:
+                localisers += 1
+            else:
+                images += _images(path, header)
+    with _values_understood(files[0][0]):
+        number = first.get("SeriesNumber")
+        return Series(
+            _letters(uid) or "",
+            None if number is None else int(number),
+            str(first.get("Modality") or ""),
+            tuple(images),
+            localisers,
+            inverted,
+        )
 
 
 def _images(path: Path, header: Any) -> Iterator[Image]:

@@ -17,6 +17,7 @@ from naris.core.volume import Volume
 from naris.ct.scan import Finding, Scan
 from naris.errors import ScanError
 
+_VOXELS_MM = (0.02, 30)
 _SAMPLES = 2_000_000
 _AIR_HU = (-1400, -650)
 _SOFT_HU = (-150, 250)
@@ -34,8 +35,13 @@ def check_values(scan: Scan) -> tuple[Finding, ...]:
     """See that a scan has air and soft tissue where Hounsfield units put them; warnings of what else is unlike a CT.
 
     Raises:
-        ScanError: if it has one value only, or has not: it is no CT, or its rescale was lost.
+        ScanError: if it has one value only, or has not: it is no CT, or its rescale was lost; or if its voxels are of
+            no size that scanners make.
     """
+    spacing_mm = scan.volume.spacing_mm
+    if not (_VOXELS_MM[0] <= spacing_mm.min() and spacing_mm.max() <= _VOXELS_MM[1]):
+        told = "×".join(f"{mm:.3g}" for mm in spacing_mm)
+        raise ScanError(f"voxels of {_VOXELS_MM[0]} to {_VOXELS_MM[1]} mm", f"{told} mm", "check the header's unit")
     hu = scan.volume.hu
     step = max(int(np.cbrt(hu.size / _SAMPLES)), 1)
     values = hu[::step, ::step, ::step]
