@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from naris.anatomy.builtin.correlations import drawn_shares
 from naris.anatomy.builtin.layout import layout_of
 from naris.anatomy.builtin.nose import built_in_nose
 from naris.anatomy.builtin.parameters import NORMAL_RANGES, NoseParameters
@@ -15,7 +16,7 @@ _TRIES = 100
 
 
 def drawn_parameters(rng: np.random.Generator) -> NoseParameters:
-    """One adult nose at random: every parameter uniform in its normal range, independent of the others.
+    """One adult nose at random: every parameter uniform in its normal range, correlated as `correlations` says.
 
     Draws whose parts do not fit together are thrown away, which bends both a little. What is left can nearly always be
     made; a nose whose passages close is refused by `built_in_nose`.
@@ -24,7 +25,10 @@ def drawn_parameters(rng: np.random.Generator) -> NoseParameters:
         InputError: if none of a hundred draws fits.
     """
     for _ in range(_TRIES):
-        values = {name: float(rng.uniform(normal.low, normal.high)) for name, normal in NORMAL_RANGES.items()}
+        values = {
+            name: NORMAL_RANGES[name].low + share * (NORMAL_RANGES[name].high - NORMAL_RANGES[name].low)
+            for name, share in drawn_shares(rng).items()
+        }
         try:
             parameters = NoseParameters(**values, irregularity_seed=int(rng.integers(2**31)))
             layout_of(parameters)
