@@ -58,10 +58,9 @@ def _genus(field: Field) -> int:
 def _cut(field: Field, sign: int, spacing_mm: float) -> Field:
     """The field with the small cuts across its air (sign 1) or its tissue (sign −1) made into the other."""
     part = sign * field > 0
-    depth_mm = ndimage.distance_transform_edt(part, sampling=spacing_mm).astype(np.float32)
-    labels, count = ndimage.label(_cuts(part, _seed(part, depth_mm, sign), depth_mm), np.ones((3, 3, 3)))
-    sizes_mm3 = np.bincount(labels.ravel(), minlength=count + 1) * spacing_mm**3
     signed = sign * field
+    labels, count = ndimage.label(_cuts(part, _seed(part, signed, sign), signed), np.ones((3, 3, 3)))
+    sizes_mm3 = np.bincount(labels.ravel(), minlength=count + 1) * spacing_mm**3
     for number, box in enumerate(ndimage.find_objects(labels), start=1):
         if sizes_mm3[number] <= _MOST_MM3:
             wide = tuple(slice(max(s.start - _AROUND_NODES, 0), s.stop + _AROUND_NODES) for s in box)

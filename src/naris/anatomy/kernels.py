@@ -206,7 +206,10 @@ def sign_lattice(origin, spacing, corners, columns, values):
 def interpolate(points, values, origin, spacing, out):
     nx, ny, nz = values.shape
     for n in range(len(points)):
-        u, v, w = (points[n] - origin) / spacing
+        # Number by number: an array for each point would cost more than the rest.
+        u = (points[n, 0] - origin[0]) / spacing
+        v = (points[n, 1] - origin[1]) / spacing
+        w = (points[n, 2] - origin[2]) / spacing
         if not (np.isfinite(u) and np.isfinite(v) and np.isfinite(w)):
             out[n] = np.nan
             continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +16,7 @@ from naris.anatomy.distance import SignedDistance
 from naris.errors import PoseError
 
 _STEPS = np.array([step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)])
-_OFF_TREE = -9999
+_LIMITS = (3.0, 12.0, np.inf)  # of the cost: most ways between neighbouring stops in a nose are below the second
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +60,19 @@ class LumenGraph:
     ends: Int[np.ndarray, "e 2"]
     length_mm: Float[np.ndarray, "e"]
 
-    def central_tree(self, source: int) -> Tree:
-        """Cheapest ways when a millimetre costs 1/clearance²: they keep to the middle of the lumen."""
-        cost, before = dijkstra(self._central, directed=False, indices=source, return_predecessors=True)
+    def central_tree(self, source: int, to: Sequence[int] | None = None) -> Tree:
+        """Cheapest ways when a millimetre costs 1/clearance²: they keep to the middle of the lumen.
+
+        Args:
+            source: where they begin.
+            to: the nodes that they have to lead to, where others do not matter: then the search ends earlier.
+        """
+        for limit in (np.inf,) if to is None else _LIMITS:
+            cost, before = dijkstra(
+                self._central, directed=False, indices=source, return_predecessors=True, limit=limit
+            )
+            if to is None or np.isfinite(cost[list(to)]).all():
+                break
         return Tree(source, cost, before)
 
     def distance_to(self, nodes: Int[np.ndarray, "m"]) -> Float[np.ndarray, "n"]:

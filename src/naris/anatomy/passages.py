@@ -66,17 +66,17 @@ def find_passages(
 
 
 def _ways_of_routes(graph: LumenGraph, routes: Sequence[Route]) -> dict[str, Int[np.ndarray, "m"]]:
-    trees: dict[int, Tree] = {}
-    ways = {}
-    for route in routes:
-        stops = [graph.nearest(point) for point in (route.start_mm, *route.via_mm, route.end_mm)]
-        parts = [np.array(stops[:1])]
-        for start, end in pairwise(stops):
-            if start not in trees:
-                trees[start] = graph.central_tree(start)
-            parts.append(trees[start].way_to(end)[1:])
-        ways[route.name] = np.concatenate(parts)
-    return ways
+    stops = {
+        route.name: [graph.nearest(point) for point in (route.start_mm, *route.via_mm, route.end_mm)]
+        for route in routes
+    }
+    legs = {leg for each in stops.values() for leg in pairwise(each)}
+    ends = {start: sorted(end for begin, end in legs if begin == start) for start, _ in legs}
+    trees = {start: graph.central_tree(start, to) for start, to in ends.items()}
+    return {
+        name: np.concatenate([each[:1], *(trees[start].way_to(end)[1:] for start, end in pairwise(each))])
+        for name, each in stops.items()
+    }
 
 
 def _ways_found(graph: LumenGraph, landmarks_mm: dict[str, Float[np.ndarray, "3"]]) -> dict[str, Int[np.ndarray, "m"]]:

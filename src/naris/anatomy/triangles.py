@@ -131,9 +131,18 @@ def _sort_into_leaves(middles: Float[np.ndarray, "f 3"]) -> tuple[Int64[np.ndarr
     order = np.arange(count)
     for level in range(levels):
         start = np.arange(2**level) * count // 2**level
-        high, low = (ufunc.reduceat(middles[order], start) for ufunc in (np.maximum, np.minimum))
-        part = np.repeat(np.arange(2**level), np.diff(start, append=count))
-        order = order[np.lexsort((middles[order, np.argmax(high - low, axis=1)[part]], part))]
+        sorted_mm = middles[order]
+        high, low = (ufunc.reduceat(sorted_mm, start) for ufunc in (np.maximum, np.minimum))
+        # Parts differ by one triangle at most: as rows of a table, each is sorted by itself; what is beyond its end
+        # belongs to the next part, counts as infinite and stays behind.
+        length = np.diff(start, append=count)
+        rows = start[:, None] + np.arange(length.max())
+        inside = np.arange(length.max()) < length[:, None]
+        values = np.where(
+            inside, sorted_mm[np.minimum(rows, count - 1), np.argmax(high - low, axis=1)[:, None]], np.inf
+        )
+        turn = np.argsort(values, axis=1, kind="stable")
+        order = order[(start[:, None] + turn)[inside]]
     return order, np.append(np.arange(2**levels) * count // 2**levels, count)
 
 
