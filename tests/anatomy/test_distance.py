@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.triangles import index_triangles
 from naris.core.anatomy import Anatomy, Between, Entrance
@@ -244,3 +245,12 @@ def test_faces_without_area_change_no_distance():
         index_triangles(one.vertices_mm, one.faces).closest(points).distance_mm for one in (with_flat, whole)
     )
     np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_far_tissue_may_be_left_out_and_nothing_else_changes() -> None:
+    nose = built_in_nose(passages=False, resolution_mm=1.0)
+    whole, near = signed_distance(nose, 1.5), signed_distance(nose, 1.5, tissue_to_mm=3.0)
+    exact = near.values_mm != -3.0
+    assert 0.3 < exact.mean() < 0.8
+    assert (near.values_mm[exact] == whole.values_mm[exact]).all()
+    assert (whole.values_mm[~exact] <= -3.0).all()

@@ -19,7 +19,7 @@ SPACING_MM = 0.5
 _MARGIN_NODES = 2
 _MOST_NODES = 200_000_000
 _KEPT = 4
-_kept: OrderedDict[tuple[str, float], SignedDistance] = OrderedDict()
+_kept: OrderedDict[tuple[str, float, float], SignedDistance] = OrderedDict()
 _kept_lock = threading.Lock()
 
 
@@ -98,25 +98,33 @@ class SignedDistance:
         return x, y, z
 
 
-def signed_distance(anatomy: Anatomy, spacing_mm: float = SPACING_MM) -> SignedDistance:
+def signed_distance(
+    anatomy: Anatomy, spacing_mm: float = SPACING_MM, *, tissue_to_mm: float = np.inf
+) -> SignedDistance:
     """The signed distance of an anatomy on a grid; the last few are kept, by the digest of the anatomy.
 
     Every node holds the exact distance (nearest point of the surface, sign by winding number).
 
+    Args:
+        anatomy: what to measure.
+        spacing_mm: between nodes.
+        tissue_to_mm: nodes deeper in tissue than this may say so much only, which halves the time; for those who stay in
+            the lumen. Of no effect where the air lies between walls that the surface encloses.
+
     Raises:
         InputError: if the spacing is not positive, or asks for more than 200 million nodes.
     """
-    key = (anatomy.digest, float(spacing_mm))
+    key = (anatomy.digest, float(spacing_mm), float(tissue_to_mm))
     with _kept_lock:
         if key not in _kept:
-            _kept[key] = _compute(anatomy, float(spacing_mm))
+            _kept[key] = _compute(anatomy, float(spacing_mm), float(tissue_to_mm))
             while len(_kept) > _KEPT:
                 _kept.popitem(last=False)
         _kept.move_to_end(key)
         return _kept[key]
 
 
-def _compute(anatomy: Anatomy, spacing_mm: float) -> SignedDistance:
+def _compute(anatomy: Anatomy, spacing_mm: float, tissue_to_mm: float) -> SignedDistance:
     if not 0 < spacing_mm < np.inf:
         raise InputError("a grid spacing above 0 mm", f"{spacing_mm}", f"give a number such as {SPACING_MM}")
     low, high = anatomy.bounds_mm
@@ -131,7 +139,8 @@ def _compute(anatomy: Anatomy, spacing_mm: float) -> SignedDistance:
         )
     triangles = index_triangles(anatomy.vertices_mm, anatomy.faces)
     origin = first * spacing_mm
-    values = triangles.lattice(origin, spacing_mm, shape)
+    between = isinstance(anatomy.airspace, Between)
+    values = triangles.lattice(origin, spacing_mm, shape, np.inf if between else tissue_to_mm)
     end = None
     if isinstance(anatomy.airspace, Between):
         end = envelope(triangles, low, high, anatomy.airspace)

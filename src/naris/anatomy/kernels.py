@@ -111,7 +111,7 @@ def closest_of_many(points, corners, leaf_start, boxes, found, distance, rows):
 
 @njit(cache=True, nogil=True)
 def closest_of_lattice(origin, spacing, corners, leaf_start, boxes, values, layers):
-    """Of the layers `layers[0]` … `layers[1]` − 1 along x."""
+    """Of the layers `layers[0]` … `layers[1]` − 1 along x; nodes that are not NaN before stay as they are."""
     stack, stack_d2 = np.empty(_STACK, dtype=np.int64), np.empty(_STACK)
     f = 0
     for i in range(layers[0], layers[1]):
@@ -119,6 +119,8 @@ def closest_of_lattice(origin, spacing, corners, leaf_start, boxes, values, laye
             for step in range(values.shape[2]):
                 # To and fro, so that the last nearest triangle is always that of a neighbour.
                 k = step if j % 2 == 0 else values.shape[2] - 1 - step
+                if not np.isnan(values[i, j, k]):
+                    continue
                 x, y, z = origin[0] + i * spacing, origin[1] + j * spacing, origin[2] + k * spacing
                 f, d2 = _closest_of_one(x, y, z, f, corners, leaf_start, boxes, stack, stack_d2)
                 values[i, j, k] = np.sqrt(d2)

@@ -17,7 +17,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, Int32, Int64
+from jaxtyping import Bool, Float, Float32, Int, Int32, Int64
+from scipy import ndimage
 
 from naris.anatomy.kernels import closest_of_lattice, closest_of_many, sign_lattice, winding_of_many
 from naris.core.cores import cores
@@ -100,10 +101,19 @@ class TriangleIndex:
         return numbers.reshape(points.shape[:-1])
 
     def lattice(
-        self, origin_mm: Float[np.ndarray, "3"], spacing_mm: float, shape: tuple[int, int, int]
+        self,
+        origin_mm: Float[np.ndarray, "3"],
+        spacing_mm: float,
+        shape: tuple[int, int, int],
+        tissue_to_mm: float = np.inf,
     ) -> Float32[np.ndarray, "nx ny nz"]:
-        """The exact distance in mm at each node of a lattice, positive where the surface winds around it."""
-        origin, values = np.asarray(origin_mm, dtype=np.float64), np.empty(shape, dtype=np.float32)
+        """The exact distance in mm at each node of a lattice, positive where the surface winds around it.
+
+        With `tissue_to_mm`, nodes that it does not wind around may say −`tissue_to_mm` if they are further away.
+        """
+        origin, values = np.asarray(origin_mm, dtype=np.float64), np.full(shape, np.nan, dtype=np.float32)
+        if np.isfinite(tissue_to_mm):
+            values[self._far_outside(origin, spacing_mm, shape, tissue_to_mm)] = tissue_to_mm
 
         def work(layers: tuple[int, int]) -> None:
             closest_of_lattice(origin, spacing_mm, self.corners_mm, self.leaf_start, self.boxes_mm, values, layers)
@@ -113,6 +123,21 @@ class TriangleIndex:
             list(pool.map(work, pairwise(edges)))
         sign_lattice(origin, spacing_mm, self.corners_mm, self.columns, values)
         return values
+
+    def _far_outside(
+        self, origin: Float[np.ndarray, "3"], spacing_mm: float, shape: tuple[int, int, int], least_mm: float
+    ) -> Bool[np.ndarray, "nx ny nz"]:
+        """Nodes that the surface does not wind around and that lie at least so far from it; nearly all of them."""
+        near = np.ones(shape, dtype=np.float32)
+        sign_lattice(origin, spacing_mm, self.corners_mm, self.columns, near)
+        inside = near > 0
+        # Every triangle lies within its own size of its first corner, and that within half a diagonal of its node.
+        size_mm = float(np.linalg.norm(np.ptp(self.corners_mm, axis=1), axis=1).max())
+        nodes = np.rint((self.corners_mm[:, 0] - origin) / spacing_mm).astype(np.int64)
+        wall = np.zeros(shape, dtype=bool)
+        wall[tuple(np.clip(nodes, 0, np.array(shape) - 1).T)] = True
+        reach = int(np.ceil((least_mm + size_mm) / spacing_mm + 0.5))
+        return ~inside & ~ndimage.maximum_filter(wall, 2 * reach + 1)
 
 
 def index_triangles(vertices_mm: Float[np.ndarray, "v 3"], faces: Int32[np.ndarray, "f 3"]) -> TriangleIndex:

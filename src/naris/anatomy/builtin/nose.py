@@ -119,7 +119,8 @@ def _passages(anatomy: Anatomy) -> tuple[Passage, ...]:
     wanted = routes(anatomy.landmarks_mm)
     for spacing_mm in _PASSAGE_SPACINGS_MM:
         try:
-            return find_passages(anatomy, signed_distance(anatomy, spacing_mm), wanted)
+            lumen = signed_distance(anatomy, spacing_mm, tissue_to_mm=2 * spacing_mm)
+            return find_passages(anatomy, lumen, wanted)
         except PoseError as error:
             closed = error
     raise InputError("passages open from the nostrils to their ends", str(closed), "widen the meatuses")
