@@ -149,7 +149,7 @@ def test_what_crosses_at_the_beginning_is_left_as_it_was_there() -> None:
 
 
 @pytest.mark.slow
-def test_a_dozen_noses_within_the_normal_ranges_do_not_cross_themselves() -> None:
-    for number in range(12):
+def test_some_noses_within_the_normal_ranges_do_not_cross_themselves() -> None:
+    for number in range(4):
         nose = virtual_patient(0, number)
         assert len(crossings(nose.vertices_mm, nose.faces)) == 0

@@ -135,10 +135,10 @@ def test_the_nasal_cycle_swells_one_side_and_shrinks_the_other(nose: Anatomy) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deformation", [Deformation(), Deformation(amplitude_mm=2.0), Deformation(cycle_mm=1.0)])
-def test_a_dozen_patients_do_not_cross_themselves(nose: Anatomy, deformation: Deformation) -> None:
+def test_some_patients_do_not_cross_themselves(nose: Anatomy, deformation: Deformation) -> None:
     process = GaussianProcess.around(nose, deformation)
     assert process.crossings == 0
-    for number in range(12):
+    for number in range(4):
         patient = process.patient(0, number)
         assert len(crossings(patient.vertices_mm, patient.faces)) == 0
 
