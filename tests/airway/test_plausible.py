@@ -52,6 +52,18 @@ def test_gauze_is_no_air() -> None:
         segment_airway(replace(scan, hu=hu), COARSE_MM)
 
 
+def test_a_head_full_of_air_is_none() -> None:
+    """As an MR has it where bone is dark: the hollow of a skull, with openings to the front."""
+    x, y, z = np.meshgrid(*[np.arange(-60.0, 61.0, 1.5)] * 3, indexing="ij")
+    skull = np.sqrt(x**2 + y**2 + z**2)
+    hu = np.where((skull < 55) & (skull > 48), 40, -1000)
+    hu[(np.abs(np.abs(x) - 8) < 3) & (np.abs(z) < 3) & (y < 0)] = -1000
+    matrix = np.diag([1.5, 1.5, 1.5, 1.0])
+    matrix[:3, 3] = -60
+    with pytest.raises(ScanError, match="ml of air inside the head"):
+        segment_airway(Volume(hu.astype(np.int16), matrix), COARSE_MM)
+
+
 def box(depth: int) -> Block:
     return Block(np.full((40, depth, 40), -1000, np.float32), np.array([-20.0, 0.0, 0.0]), 1.0)
 

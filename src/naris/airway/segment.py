@@ -39,6 +39,7 @@ _FLOOR_MM = 25.0  # below the nasal floor the pharynx is cut
 _CLIPPED_MM = 1.0
 _GROWN_MM = 1.0
 _LEAST_ROWS = 20
+_MOST_AIR_ML = 300.0  # nose, sinuses, an open mouth and the throat have 100 to 200
 _SKIN = 0.1
 _NOSTRILS_MM = 12.0  # below the tip of the nose they have ended
 _THROUGH_MM = 4.0
@@ -90,6 +91,10 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     block = block_of(volume, step_mm, tip_mm - before, tip_mm + behind)
     room = room_air(block)
     airway = _largest((block.hu < AIR_HU) & ~room)
+    if (ml := float(airway.sum()) * step_mm**3 / 1000) > _MOST_AIR_ML:
+        raise ScanError(
+            f"at most {_MOST_AIR_ML:g} ml of air inside the head", f"{ml:.0f} ml", "this may be no CT of a head"
+        )
     wall = wall_mm(airway, step_mm)
     openings, right, left = _two_ways(block, airway, room, wall, tip_mm)
     basins = basins_of(airway, wall, step_mm)
