@@ -108,8 +108,8 @@ def signed_distance(
     Args:
         anatomy: what to measure.
         spacing_mm: between nodes.
-        tissue_to_mm: nodes deeper in tissue than this may say so much only, which halves the time; for those in
-            the lumen. Of no effect where the air lies between walls that the surface encloses.
+        tissue_to_mm: nodes deeper in tissue than this may say so much only, which halves the time; enough inside the
+            lumen. Of no effect where the air lies between walls that the surface encloses.
 
     Raises:
         InputError: if the spacing is not positive, or asks for more than 200 million nodes.

@@ -1,8 +1,8 @@
 """Noses that are not normal: named variants of the built-in nose, as they are met in practice.
 
-Some are parameters beyond their normal ranges (a bowed septum, a swollen turbinate); others take tissue away or add
-some (a hole in the septum, a sinus that was opened, polyps), which an `Alteration` says. Sizes are drawn anew for every
-nose, on either side.
+Some are parameters beyond their normal ranges (a bowed septum, swollen turbinates); others take tissue away or add some
+(a hole in the septum, a sinus that was opened, a turbinate with a cell in it, polyps), which an `Alteration` says.
+Sizes are drawn anew for every nose, on either side.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from naris.anatomy.builtin.field import grid_for, lumen_field
 from naris.anatomy.builtin.implicit import Field, Grid, smooth_max, smooth_min
 from naris.anatomy.builtin.layout import layout_of
 from naris.anatomy.builtin.parameters import NORMAL_RANGES, NoseParameters
-from naris.anatomy.builtin.walls import septum_centre_mm, septum_thickness_mm
+from naris.anatomy.builtin.walls import lateral_wall_mm, septum_centre_mm, septum_thickness_mm
 from naris.errors import InputError
 
 _ROUND_MM = 1.0
 _THROUGH = 0.7  # share of the radius across, at which a hole still has 0.7 of its height and length
-_COARSE_MM, _DRAWS, _IN_AIR = 1.0, 60, 0.3  # a polyp is drawn until so much of it stands in air
+_COARSE_MM, _DRAWS, _IN_AIR = 1.0, 60, 0.5  # a polyp is drawn until so much of it stands in air
+_LEAST_BULLA_MM = 5.0
+_BESIDE_MM, _MEATUS_MM = 1.2, 2.0  # what a swollen middle turbinate leaves to the septum and to the lateral wall
 _BEYOND = 0.5  # of the way from the end of the normal range to what the generator accepts, at least
 
 
@@ -74,9 +76,27 @@ def turbinate_hypertrophy(p: NoseParameters, rng: np.random.Generator) -> Change
 
 
 def concha_bullosa(p: NoseParameters, rng: np.random.Generator) -> Changed:
-    """Middle turbinates swollen by a cell of air inside them: from the nose their outside is seen (W. Bolger et al.
-    1991)."""
-    return replace(p, middle_thickness_mm=_beyond("middle_thickness_mm", rng)), ()
+    """One or both middle turbinates blown up by a cell of air inside them, of which the nose sees the outside.
+
+    8 to 12 mm across where there is room: a millimetre is left to the septum, and a slit of the middle meatus; in a
+    narrow nose it is smaller, down to 5 mm, or leans on the lateral wall (W. Bolger et al. 1991; sizes approximate).
+    """
+    at = layout_of(p)
+    y, z = at.y_middle_head + float(rng.uniform(7, 10)), at.z_at(float(rng.uniform(24, 26)))
+    here, level = np.array([y], np.float32), np.array([z], np.float32)
+    bow = float(septum_centre_mm(p, at, here, level).item())
+    around = y + np.array([-4, 0, 4], np.float32), z + np.array([-3, 0, 3], np.float32)
+    lateral = float(lateral_wall_mm(p, at, *around).min())
+    made = []
+    for side in (-1, 1) if rng.integers(2) else (_side(rng),):
+        medial = side * bow + float(septum_thickness_mm(p, at, here, level).item()) / 2
+        across = max(min(float(rng.uniform(8, 12)), lateral - medial - _BESIDE_MM - _MEATUS_MM), _LEAST_BULLA_MM)
+        made.append(Alteration(
+            (side * (medial + _BESIDE_MM + across / 2), y, z),
+            (across / 2, float(rng.uniform(7, 10)), float(rng.uniform(5, 7))),
+            air=False,
+        ))  # fmt: skip
+    return p, tuple(made)
 
 
 def septal_perforation(p: NoseParameters, rng: np.random.Generator) -> Changed:
@@ -106,22 +126,23 @@ def after_sinus_surgery(p: NoseParameters, rng: np.random.Generator) -> Changed:
 
 
 def polyps(p: NoseParameters, rng: np.random.Generator) -> Changed:
-    """Two to four polyps of 4 to 9 mm that hang from the middle meatus, on one side or both."""
+    """Two to four polyps of 8 to 15 mm that hang out of the middle meatus, longer than wide, on one side or both; half
+    of each stands free in the air at least."""
     at = layout_of(p)
     grid = grid_for(p, at, _COARSE_MM)
     air = lumen_field(p, at, grid) > 0
     lateral = np.abs(grid.x) > 0.4 * p.middle_meatus_half_width_mm
-    meatus = air & lateral & (grid.y > -16) & (grid.y < 6) & (grid.z > -4) & (grid.z < 6)
-    places = np.argwhere(meatus)
+    along = (grid.y > at.y_middle_head) & (grid.y < at.y_middle_head + 0.6 * p.middle_length_mm)
+    places = np.argwhere(air & lateral & along & (grid.z > at.z_at(14)) & (grid.z < at.z_at(23)))
     made: list[Alteration] = []
     wanted = int(rng.integers(2, 5))
     for _ in range(_DRAWS):
         if len(made) == wanted or not len(places):
             break
         i, j, k = places[rng.integers(len(places))]
-        radius = float(rng.uniform(2.0, 4.5))
+        half = float(rng.uniform(4.0, 7.5))
         centre = (float(grid.x_mm[i]), float(grid.y_mm[j]), float(grid.z_mm[k]))
-        polyp = Alteration(centre, (0.8 * radius, 1.2 * radius, radius), air=False)
+        polyp = Alteration(centre, (0.55 * half, 0.7 * half, half), air=False)
         body = polyp.inside_mm(grid) > 0
         if body.any() and (air & body).sum() >= _IN_AIR * body.sum():
             made.append(polyp)
