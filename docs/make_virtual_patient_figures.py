@@ -3,7 +3,8 @@
     python docs/make_virtual_patient_figures.py
 
 Six are drawn from the normal ranges of the built-in nose, six are its named variants, six come from a shape model of
-eight such noses, six are smooth deformations of the built-in nose. Everything comes from the package alone.
+eight such noses, six are smooth deformations of the built-in nose. Variants are cut where they differ most from the
+nose that they are made of, the others at the middle meatus. Everything comes from the package alone.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from PIL import Image, ImageDraw
 from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.builtin.variants import VARIANTS
 from naris.anatomy.builtin.variation import virtual_patient
+from naris.anatomy.distance import signed_distance
 from naris.anatomy.gaussian_process import Deformation, GaussianProcess
 from naris.anatomy.shape_model import build_shape_model
 from naris.anatomy.transfer import virtual_references
@@ -38,32 +40,47 @@ TISSUE = 150  # grey of it in a section without a scan
 
 def main() -> int:
     """Draws them all (a few minutes)."""
-    tiles = [tile(nose, said) for nose, said in patients()]
+    tiles = [tile(nose, said, section_mm) for nose, said, section_mm in patients()]
     rows = [np.concatenate(tiles[i : i + ACROSS], axis=1) for i in range(0, len(tiles), ACROSS)]
     Image.fromarray(np.concatenate(rows)).save(FIGURE, quality=82, optimize=True)
     print(f"{len(tiles)} virtual patients in {FIGURE.name}")
     return 0
 
 
-def patients() -> Iterator[tuple[Anatomy, str]]:
-    """Each with what to write above it."""
+def patients() -> Iterator[tuple[Anatomy, str, float]]:
+    """Each with what to write above it, and the y at which it is cut."""
+    plain = virtual_patient(SEED, 0)
     for number in range(OF_A_KIND):
-        yield virtual_patient(SEED, number), f"normal ranges, {number}"
+        yield at_meatus(virtual_patient(SEED, number), f"normal ranges, {number}")
     for variant in VARIANTS:
-        yield virtual_patient(SEED, 0, variant), variant
+        nose = virtual_patient(SEED, 0, variant)
+        yield nose, variant, most_unlike_mm(nose, plain)
     model = build_shape_model(built_in_nose(), list(virtual_references(MODELLED + 1))[1:])
     for number in range(OF_A_KIND):
-        yield model.patient(SEED, number), f"shape model, {number}"
+        yield at_meatus(model.patient(SEED, number), f"shape model, {number}")
     process = GaussianProcess.around(built_in_nose(), Deformation(amplitude_mm=1.0, cycle_mm=0.6))
     for number in range(OF_A_KIND):
-        yield process.patient(SEED, number), f"Gaussian process, {number}"
+        yield at_meatus(process.patient(SEED, number), f"Gaussian process, {number}")
 
 
-def tile(nose: Anatomy, said: str) -> np.ndarray:
+def at_meatus(nose: Anatomy, said: str) -> tuple[Anatomy, str, float]:
+    """A nose with what to write above it, cut at its left middle meatus."""
+    return nose, said, float(nose.landmarks_mm["left.middle meatus"][1])
+
+
+def most_unlike_mm(nose: Anatomy, other: Anatomy) -> float:
+    """The y of the coronal section in which the air of two noses differs most."""
+    distance, of_other = signed_distance(nose, 1.0), signed_distance(other, 1.0)
+    nodes = np.stack(np.meshgrid(*map(np.arange, distance.values_mm.shape), indexing="ij"), axis=-1)
+    differs = (distance.values_mm > 0) != (of_other(distance.origin_mm + nodes) > 0)
+    return float(distance.origin_mm[1] + differs.sum(axis=(0, 2)).argmax())
+
+
+def tile(nose: Anatomy, said: str, section_mm: float) -> np.ndarray:
     """Two views down a passage and a coronal section side by side, under a line of text."""
     only = nose.with_(passages=(passage_of(nose),))
     (down,) = views_down(only)
-    section = cuts(nose, nose.region_set("anatomical"))[1].image
+    section = cuts(nose, nose.region_set("anatomical"), through_mm=np.array([0.0, section_mm, 0.0]))[1].image
     shown = [cv2.resize(down.images[i], (TILE_PX, TILE_PX), interpolation=cv2.INTER_AREA) for i in SHOWN]
     picture = np.concatenate([*shown, fitted(section)], axis=1)
     board = Image.new("RGB", (picture.shape[1], LINE_PX), (20, 20, 20))

@@ -63,16 +63,22 @@ class Down:
     images: UInt8[np.ndarray, "n h w 3"]
 
 
-def cuts(anatomy: Anatomy, regions: RegionSet, scan: Block | None = None) -> tuple[Cut, Cut, Cut]:
-    """An axial, a coronal and a sagittal cut through the middle of the passages, with the wall as a contour.
+def cuts(
+    anatomy: Anatomy,
+    regions: RegionSet,
+    scan: Block | None = None,
+    through_mm: Float[np.ndarray, "3"] | None = None,
+) -> tuple[Cut, Cut, Cut]:
+    """An axial, a coronal and a sagittal cut, with the wall as a contour.
 
     Args:
         anatomy: in a frame whose axes are x to the left, y backwards and z upwards.
         regions: whose colours the lumen has.
         scan: the CT behind it; without one, air is dark and tissue is grey.
+        through_mm: where the cuts meet; None for the middle of the passages.
     """
     distance = signed_distance(anatomy)
-    at = _middle(anatomy)
+    at = _middle(anatomy) if through_mm is None else through_mm
     return (
         Cut(f"axial, z = {at[2]:.0f} mm", _plane(anatomy, distance, regions, scan, (0, 1), at, up=False)),
         Cut(f"coronal, y = {at[1]:.0f} mm", _plane(anatomy, distance, regions, scan, (0, 2), at, up=True)),
