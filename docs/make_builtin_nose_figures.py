@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,16 +100,14 @@ def main() -> int:
     parser.add_argument("--data", type=Path, default=Path(default), help="folder with the CTs")
     parser.add_argument("--tables", action="store_true", help="draw no figure")
     arguments = parser.parse_args()
-    begin = time.process_time()
     nose = built_in_nose()
-    cpu_s = time.process_time() - begin
     distance = signed_distance(nose)
     compared = None if arguments.tables else draw(nose, distance, arguments.data)
     page = PAGE.read_text()
     if compared is not None:
         page = between(page, "compared", compared)
     page = between(page, "parameters", parameter_table())
-    page = between(page, "measured", measured(nose, distance, cpu_s))
+    page = between(page, "measured", measured(nose, distance))
     PAGE.write_text(page)
     return 0
 
@@ -146,7 +143,7 @@ def parameter_table() -> str:
     return "\n".join(rows) + "\n"
 
 
-def measured(nose: Anatomy, distance: SignedDistance, cpu_s: float) -> str:
+def measured(nose: Anatomy, distance: SignedDistance) -> str:
     """Markdown, measured on the default nose."""
     a, b, c = (nose.vertices_mm[nose.faces[:, i]] for i in range(3))
     volume_ml = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6000
@@ -166,7 +163,6 @@ def measured(nose: Anatomy, distance: SignedDistance, cpu_s: float) -> str:
         # With as many digits as `naris anatomy builtin --json` has, so that a reader finds the very numbers.
         room = f"{passage.clearance_mm.min():.2f}–{passage.clearance_mm.max():.2f} mm"
         lines.append(f"| passage `{passage.name}` | {passage.length_mm:.0f} mm, from its middle to the wall {room} |")
-    lines.append(f"| made in | {cpu_s:.1f} CPU-s, passages included |")
     return "\n".join(lines) + "\n"
 
 
