@@ -15,6 +15,7 @@ from naris.anatomy.distance import signed_distance
 from naris.core.anatomy import Anatomy
 from naris.core.volume import Volume
 from naris.ct.read import read_scan
+from naris.ct.resample import sampled
 from naris.errors import ScanError
 from tests import simulated_head
 from tests.ct.dicom_files import affine, grid
@@ -101,6 +102,26 @@ def test_a_scan_at_an_angle_holds_the_same_nose(scan: Volume, airway: Airway, ax
     for name in ("left.nostril", "right.choana"):
         back = np.linalg.inv(turn)[:3, :3] @ turned.landmarks_mm[name]
         assert np.linalg.norm(back - airway.landmarks_mm[name]) < 4, name
+
+
+def test_thick_coronal_slices_at_an_angle(nose: Anatomy, airway: Airway) -> None:
+    """Slices from front to back, 3 mm apart and 20° off: what lies in front is told in mm, not in voxels."""
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("x", 20, degrees=True).as_matrix()
+    axes = turn[:3, :3] @ np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]).T
+    scan = simulated_head.scan()
+    low, high = scan.bounds_mm
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), -1).reshape(-1, 3) @ axes
+    spacing = np.array([0.5, 0.5, 3.0])
+    shape = np.ceil(np.ptp(corners, axis=0) / spacing).astype(int) + 1
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = axes * spacing, axes @ corners.min(axis=0)
+    index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1)
+    points = np.clip(index @ matrix[:3, :3].T + matrix[:3, 3], low, high)
+    hu = sampled(scan, points).astype(np.int16)
+    found = segment_airway(Volume(hu, matrix), COARSE_MM)
+    for label in (LEFT, RIGHT):
+        assert found.volume_ml(label) == pytest.approx(airway.volume_ml(label), rel=0.15)
 
 
 @pytest.mark.slow

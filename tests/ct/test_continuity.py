@@ -59,6 +59,14 @@ def test_slices_of_another_head(first: int, last: int, tmp_path: Path) -> None:
         read_file(write_file(tmp_path / "a.nrrd", hu, affine()))
 
 
+def test_slices_thinner_than_their_pixels_are_looked_at_as_well(tmp_path: Path) -> None:
+    hu = head(1)
+    hu[:, :, 15:25] = head(2)[:, :, 15:25]
+    with pytest.raises(ScanError, match="slices that resemble their neighbours"):
+        read_file(write_file(tmp_path / "a.nrrd", hu, np.diag([0.5, 0.5, 0.4, 1.0])))
+    assert read_file(write_file(tmp_path / "b.nrrd", head(1), np.diag([0.5, 0.5, 0.4, 1.0]))).findings == ()
+
+
 def test_two_scans_that_alternate_half_a_step_apart(tmp_path: Path) -> None:
     matrix = affine()
     one = images(head(0), matrix)

@@ -83,6 +83,13 @@ def test_known_voxels_are_found_in_the_patient_for_every_orientation(
     assert_voxels_are_at(read_file(write(tmp_path / name, hu, matrix)).volume, hu, matrix)
 
 
+def test_a_meta_header_may_end_without_a_line_break(tmp_path: Path) -> None:
+    hu, matrix = grid(0, (7, 6, 5)), affine(0)
+    path = write(tmp_path / "a.mhd", hu, matrix)
+    path.write_bytes(path.read_bytes().rstrip(b"\r\n"))
+    np.testing.assert_array_equal(read_file(path).volume.hu, hu)
+
+
 @pytest.mark.parametrize("name", ["a.nii", "a.nrrd", "a.mha"])
 @pytest.mark.parametrize("seed", range(8))
 def test_and_for_oblique_ones(seed: int, name: str, tmp_path: Path) -> None:

@@ -44,6 +44,11 @@ def test_one_series_is_of_one_study_and_frame_of_reference(name: str, tmp_path: 
     assert codes in (["study"], ["frame of reference"])
 
 
+@pytest.mark.parametrize("name", ["StudyInstanceUID", "FrameOfReferenceUID"])
+def test_an_image_that_names_none_says_nothing(name: str, tmp_path: Path) -> None:
+    assert told(tmp_path, lambda k, dataset: delattr(dataset, name) if k == 3 else None) == []
+
+
 @pytest.mark.parametrize(
     ("number", "codes"),
     [

@@ -103,7 +103,7 @@ def _upright(to_old: Float[np.ndarray, "4 4"]) -> bool:
 def _sides_of(
     to_old: Float[np.ndarray, "4 4"], volume: Volume, shape: tuple[int, ...]
 ) -> UInt8[np.ndarray, "nx ny nz"]:
-    backwards = int(np.abs(to_old[:3, 1]).argmax())
+    backwards = int(np.abs(to_old[:3, 1] * volume.spacing_mm).argmax())  # in mm: slices may be thick
     to_back = bool(to_old[backwards, 1] > 0)
     nodes = np.ogrid[tuple(slice(n) for n in shape)]
     beside, before, behind = (np.zeros(shape, bool) for _ in range(3))

@@ -18,7 +18,7 @@ from naris.ct.scan import Finding
 from naris.errors import ScanError
 
 _CUT_MM2 = 20.0  # of a nasal cavity on the end of the scan; the pharynx may be cut, the nostrils open forwards
-_ROOMY_MM, _MOST_HU = 1.5, -800.0  # of the wall the air is air, whatever the scanner blurs
+_ROOMY_MM, _MORE_HU = 1.5, 200.0  # of the wall the air is that of the room, whatever the scanner blurs
 _LEAST_DEPTH_MM, _MOST_DEPTH_MM = 35.0, 110.0  # from a nostril to its choana, from a small child on
 _SIDE_ML, _PHARYNX_ML = (1.5, 45.0), 60.0
 _UNEVEN, _VERY_UNEVEN = 1.7, 2.5
@@ -32,6 +32,7 @@ def check_plausible(
     sides: Mapping[str, Bool[np.ndarray, "nx ny nz"]],
     pharynx: Bool[np.ndarray, "nx ny nz"],
     wall: Float32[np.ndarray, "nx ny nz"],
+    room_hu: float,
     landmarks_mm: Mapping[str, Float[np.ndarray, "3"]],
 ) -> list[Finding]:
     """What is unusual in what was found.
@@ -42,6 +43,7 @@ def check_plausible(
         sides: the `right` and the `left` nasal cavity.
         pharynx: the nasopharynx.
         wall: distances to the wall in mm.
+        room_hu: of the air in front of the face.
         landmarks_mm: nostrils and choanae.
 
     Raises:
@@ -55,11 +57,11 @@ def check_plausible(
         _check_between(f"in the {side} nasal cavity", "ml", float(cavity.sum()) * ml, *_SIDE_ML)
     _check_between("in the nasopharynx", "ml", float(pharynx.sum()) * ml, 0.0, _PHARYNX_ML)
     roomy = (sides["right"] | sides["left"]) & (wall >= _ROOMY_MM)
-    if roomy.any() and (hu := float(np.median(block.hu[roomy]))) > _MOST_HU:
+    if roomy.any() and (hu := float(np.median(block.hu[roomy]))) > room_hu + _MORE_HU:
         raise ScanError(
-            "air of about -1000 HU in the nose",
+            f"air in the nose as in the room, of {room_hu:.0f} HU",
             f"{hu:.0f} HU",
-            "it may be packed, or the values are no Hounsfield units",
+            "it may be packed: segment it by hand",
         )
     volumes = {side: float(cavity.sum()) * ml for side, cavity in sides.items()}
     less, more = sorted(volumes, key=lambda side: volumes[side])
@@ -74,7 +76,7 @@ def _check_between(what: str, unit: str, found: float, low: float, high: float) 
         raise ScanError(
             f"{low:g} to {high:g} {unit} {what}",
             f"{found:.1f} {unit}",
-            "the septum may have a large hole or the scan be no CT of a nose: segment it by hand",
+            "this may be no whole nose, or one whose septum has a large hole: segment it by hand",
         )
 
 

@@ -105,8 +105,9 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     level = air_level(block)
     labels = _grown(labels, level, room, step_mm)
     landmarks = _landmarks(block, labels, wall, rims, tip_mm)
+    room_hu = float(np.median(block.hu[room])) if room.any() else -1000.0
     cavities = {"right": labels == RIGHT, "left": labels == LEFT}
-    findings = check_plausible(volume, block, cavities, labels == NASOPHARYNX, wall, landmarks)
+    findings = check_plausible(volume, block, cavities, labels == NASOPHARYNX, wall, room_hu, landmarks)
     if tip_mm[1] - volume.bounds_mm[0, 1] < _CLIPPED_MM:
         findings.append(Finding("clipped nose", "the scan begins at the tip of the nose, which may be cut", "warning"))
     return Airway(labels, block, level, landmarks, tuple(findings))

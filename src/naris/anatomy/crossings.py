@@ -19,6 +19,8 @@ def crossings(vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3
 
     Faces that share vertices cross if they have more in common than those. Touching from one side is no crossing.
     """
+    if not len(faces):
+        return np.zeros((0, 2), np.int64)
     corners = np.asarray(vertices_mm, dtype=np.float64)[faces]
     # Along the longest side of the mesh a face lies beside the fewest others.
     axes = np.argsort(-np.ptp(vertices_mm, axis=0), kind="stable")

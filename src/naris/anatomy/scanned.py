@@ -16,7 +16,7 @@ from naris.anatomy.regions import nasal_slabs
 from naris.core.anatomy import Anatomy
 from naris.core.volume import LPS
 from naris.ct.scan import Finding
-from naris.errors import ScanError
+from naris.errors import InputError, ScanError
 
 MOST_MOVED_MM = 0.3
 """Smoothing moves no vertex further than this from the boundary."""
@@ -55,7 +55,7 @@ def anatomy_of_airway(airway: Airway, name: str, source: str, *, attached: bool 
         attached: keep sinuses and whatever else opens into the nose.
 
     Raises:
-        ScanError: if the surface does not close to a manifold.
+        ScanError: if the surface does not close to a manifold, or the landmarks do not tell how the nose lies.
         PoseError: if the nose is too narrow for passages.
     """
     kept = airway.labels > 0 if attached else np.isin(airway.labels, NOSE)
@@ -71,7 +71,10 @@ def anatomy_of_airway(airway: Airway, name: str, source: str, *, attached: bool 
             Finding("many handles", f"{report.genus} tunnels through thin walls, some of them may be noise", "warning")
         )
     bare = Anatomy(vertices, faces, LPS, name, source, landmarks_mm=dict(airway.landmarks_mm))
-    slabs = nasal_slabs(bare)
+    try:
+        slabs = nasal_slabs(bare)
+    except InputError as error:
+        raise ScanError("nostrils and choanae that tell how the nose lies", "others", "segment it by hand") from error
     bare = bare.with_(regions={slabs.name: slabs})
     return ScannedAnatomy(bare.with_(passages=find_passages(bare)), report.genus, moved_mm, tuple(findings))
 

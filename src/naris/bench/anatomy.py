@@ -54,6 +54,7 @@ _OPEN_MM = 8.0  # around a nostril the truth ends where a scan goes on
 _POINTS = ("left.nostril", "right.nostril", "left.choana", "right.choana")
 _ON_WALLS = ("left.nasal floor", "right.nasal floor", "posterior wall")
 _BESIDE_MM = 1.0
+_LOST_MM = 100.0  # counts for a landmark that was not found
 _LOG = logging.getLogger(__name__)
 
 
@@ -133,11 +134,12 @@ def on_walls(landmarks_mm: Mapping[str, Float[np.ndarray, "3"]], truth: Anatomy)
         third = (back - front) / 3
         middle = (points[:, 1] > front + third) & (points[:, 1] < back - third) & (sign * points[:, 0] > 1)
         lowest = float(points[middle, 2].min()) if middle.any() else np.inf
-        off[f"{side}.nasal floor"] = abs(float(landmarks_mm[f"{side}.nasal floor"][2]) - lowest)
+        off[f"{side}.nasal floor"] = min(abs(float(landmarks_mm[f"{side}.nasal floor"][2]) - lowest), _LOST_MM)
     roomiest = landmarks_mm["nasopharynx"]
     behind = (np.linalg.norm((points - roomiest)[:, [0, 2]], axis=1) < _BESIDE_MM) & (points[:, 1] > roomiest[1])
     wall = float(np.median(points[behind, 1])) if behind.any() else np.inf
-    off["posterior wall"] = abs(float(landmarks_mm["posterior wall"][1]) - wall)
+    found = float(landmarks_mm["posterior wall"][1]) if "posterior wall" in landmarks_mm else -np.inf
+    off["posterior wall"] = min(abs(found - wall), _LOST_MM)
     return off
 
 

@@ -68,11 +68,8 @@ def run(options: Options, console: Console) -> int:
             )
             return _no_airway(reason, look_at(scan, airway)[1], options.out, console)
         findings = tuple(dict.fromkeys((*look_at(scan, airway)[1], *made.findings)))
-        for name in (
-            SEGMENTATION,
-            PICTURE,
-        ):  # of an earlier run: stopped here, no anatomy stands beside those of another
-            (options.out / name).unlink(missing_ok=True)
+        for name in (SEGMENTATION, PICTURE):
+            (options.out / name).unlink(missing_ok=True)  # no anatomy shall stand beside those of another
         save_anatomy(made.anatomy, options.out)
         write_segments(airway, options.out / SEGMENTATION)
         data = _describe(made, airway, findings, options.out)

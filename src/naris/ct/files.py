@@ -58,14 +58,15 @@ def read_file(path: Path) -> Scan:
     except ScanError:
         raise
     except (OSError, EOFError, ValueError, RuntimeError, KeyError, StopIteration, TypeError, zlib.error) as error:
-        if "allocat" in str(error):
+        if "allocat" in str(error).replace(str(path), ""):
             raise MemoryError("not enough for a library") from error
         raise _damaged(path, kind, error) from error
     except (nrrd.NRRDError, nibabel.filebasedimages.ImageFileError, nibabel.spatialimages.HeaderDataError) as error:
         raise _damaged(path, kind, error) from error
     volume = Volume(_as_hu(values), matrix)
     slice_mm = float(volume.spacing_mm.max())
-    findings += check_continuity(volume.hu, _slice_axis(volume))
+    for axis in sorted({_LAST_AXIS, _slice_axis(volume)}):
+        findings += check_continuity(volume.hu, axis)
     if volume.skew_deg > _SKEWED_DEG:
         text = f"the axes were {volume.skew_deg:.1f}° off right angles; the scan was resampled"
         findings = [*findings, Finding("tilt", text, "warning")]
@@ -81,6 +82,10 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
         yield
     finally:
         logger.disabled = before
+
+
+_LAST_AXIS = 2
+"""Along which programs that turn DICOM into files put the slices, however thin these are."""
 
 
 def _slice_axis(volume: Volume) -> int:
@@ -240,7 +245,7 @@ def _as_hu(values: Num[np.ndarray, "ni nj nk"]) -> Int16[np.ndarray, "ni nj nk"]
 
 def _damaged(path: Path, kind: str, error: Exception) -> ScanError:
     """In our words: what libraries say is made for their authors, and names places where they were built."""
-    log.debug("%s: %s", type(error).__name__, error)
+    log.debug("%s from a library", type(error).__name__)  # whose text may quote the header
     return ScanError(
         f"a whole {kind} file {path.name}", "one that is damaged, or something else", "copy or export it anew"
     )

@@ -134,7 +134,8 @@ def _words(path: Path) -> tuple[Mapping[str, str], int]:
         if not equals:
             break
         words[key.strip()] = value.strip()
-        if key.strip() == _LAST and value.strip() and line.endswith((b"\n", b"\r")):
+        ends = line.endswith((b"\n", b"\r")) or len(head) < _MOST_HEADER  # a text editor may leave the last line open
+        if key.strip() == _LAST and value.strip() and ends:
             return words, at
     raise _none(path, "one that names no ElementDataFile")
 

@@ -37,16 +37,20 @@ def hu_of_all(images: Sequence[Image], progress: Progress) -> Int16[np.ndarray, 
         for k, image in enumerate(images):
             if image.frame is not None and (opened is None or opened[0] != image.path):
                 opened = (image.path, _stored(image.path))
-            stored = _stored(image.path) if opened is None or image.frame is None else opened[1][image.frame]
-            hu[k] = _to_hu(stored, image)
+            stored = _stored(image.path) if opened is None or image.frame is None else opened[1]
+            hu[k] = _to_hu(_frame(stored, image), image)
             advance(1)
     return hu.transpose(2, 1, 0)
 
 
 def hu_of(image: Image) -> Int16[np.ndarray, "nj ni"]:
     """One image, rows first."""
-    stored = _stored(image.path)
-    return _to_hu(stored if image.frame is None else stored[image.frame], image)
+    return _to_hu(_frame(_stored(image.path), image), image)
+
+
+def _frame(stored: np.ndarray, image: Image) -> np.ndarray:
+    """The pixels of one image; a file of one frame has no axis for frames."""
+    return stored if image.frame is None or stored.ndim == 2 else stored[image.frame]
 
 
 def _to_hu(stored: np.ndarray, image: Image) -> Int16[np.ndarray, "nj ni"]:

@@ -45,11 +45,12 @@ def check_one_scan(images: Sequence[Image], stack: Stack) -> tuple[Finding, ...]
 
 
 def _one_value(what: str, named: Sequence[str | None]) -> list[Finding]:
-    counts = Counter(named)
-    if len(counts) == 1:
+    known = [one for one in named if one is not None]  # an image that names none says nothing
+    counts = Counter(known)
+    if len(counts) <= 1:
         return []
     # Some programs that take names out of files give every file identifiers of its own: then they tell nothing.
-    if None not in counts and len(counts) == len(named):
+    if len(counts) == len(known):
         return [Finding(what, f"every image names a {what} of its own; they were taken to have one", "warning")]
     sizes = ", ".join(str(size) for _, size in counts.most_common(5))
     raise ScanError(

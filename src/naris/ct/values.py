@@ -89,7 +89,7 @@ def _off(values: Int16[np.ndarray, "ni nj nk"], tissue: Int16[np.ndarray, "n"]) 
     soft_hu = _mode(tissue[tissue > _FAT_HU])  # some heads have more fat than anything else
     if _USUAL_AIR_HU[0] <= air_hu <= _USUAL_AIR_HU[1] and _USUAL_SOFT_HU[0] <= soft_hu <= _USUAL_SOFT_HU[1]:
         return ()
-    text = f"air is at {air_hu:.0f} HU and soft tissue at {_mode(tissue):.0f}, not near −1000 and 50: "
+    text = f"air is at {air_hu:.0f} HU and soft tissue at {soft_hu:.0f}, not near −1000 and 50: "
     text += "Hounsfield units may be off, as in a cone-beam CT, or this is no CT"
     return (Finding("hounsfield", text, "warning"),)
 
