@@ -11,7 +11,10 @@ from scipy.spatial.transform import Rotation
 from naris.airway.block import BEYOND_HU, block_of
 from naris.airway.face import nose_tip_mm
 from naris.airway.segment import ATTACHED, LEFT, NASOPHARYNX, RIGHT, SEGMENTS, Airway, segment_airway
+from naris.anatomy.builtin import built_in_nose
+from naris.anatomy.builtin.variation import drawn_parameters
 from naris.anatomy.distance import signed_distance
+from naris.anatomy.virtual_ct import Scanner, virtual_ct
 from naris.core.anatomy import Anatomy
 from naris.core.volume import Volume
 from naris.ct.read import read_scan
@@ -102,6 +105,20 @@ def test_a_scan_at_an_angle_holds_the_same_nose(scan: Volume, airway: Airway, ax
     for name in ("left.nostril", "right.choana"):
         back = np.linalg.inv(turn)[:3, :3] @ turned.landmarks_mm[name]
         assert np.linalg.norm(back - airway.landmarks_mm[name]) < 4, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [10, 19])
+def test_a_cleft_behind_narrow_slits_is_kept(number: int) -> None:
+    """Two drawn noses whose right olfactory cleft was once taken for ethmoid cells."""
+    nose = built_in_nose(drawn_parameters(np.random.default_rng([0, number])), passages=False)
+    found = segment_airway(virtual_ct(nose, Scanner(), number))
+    distance = signed_distance(nose, 1.0)
+    places = distance.origin_mm + distance.spacing_mm * np.argwhere(distance.values_mm > 1)
+    regions = nose.region_set("anatomical")
+    cleft = regions.label(places) == regions.names.index("right superior meatus and olfactory cleft")
+    nodes = np.rint((places[cleft] - found.block.origin_mm) / found.block.step_mm).astype(int)
+    assert (found.labels[tuple(nodes.T)] == RIGHT).mean() > 0.9
 
 
 def test_thick_coronal_slices_at_an_angle(nose: Anatomy, airway: Airway) -> None:

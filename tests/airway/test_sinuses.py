@@ -7,7 +7,7 @@ import pytest
 
 from naris.airway.basins import Basins
 from naris.airway.block import Block
-from naris.airway.sinuses import SINUSES, named
+from naris.airway.sinuses import SINUSES, Extent, named
 
 ATTACHED = 4
 PLACES_MM = {
@@ -57,6 +57,16 @@ def test_a_mirrored_nose_has_its_sides_changed() -> None:
     places = np.array([[x, y * DEPTH_MM, z] for x, y, z in PLACES_MM.values()])
     changed = [name and name.replace("left", "right") for name in PLACES_MM]
     assert found(places, DEPTH_MM, mirrored=True) == changed
+
+
+def test_the_cleft_lies_beside_the_septum_and_cells_beyond_it() -> None:
+    extent = Extent(middle_mm=1.0, front_mm=-40.0, floor_mm=-20.0, depth_mm=70.0)
+    cleft, cell, meatus, sphenoid = np.array(
+        [[3.0, 0.0, 18.0], [14.0, 0.0, 18.0], [10.0, 0.0, -10.0], [2.0, 32.0, 18.0]]
+    )
+    places = np.stack([cleft, cell, meatus, sphenoid])
+    assert extent.in_cleft(places).tolist() == [True, False, False, False]
+    assert extent.beyond(places).tolist() == [False, True, False, False]
 
 
 def test_without_attached_air_nothing_changes() -> None:

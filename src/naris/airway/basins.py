@@ -26,6 +26,8 @@ _LEVELS = 8  # a mm, of the distances that maxima are sought in
 
 SLIT_MM = 2.9
 """A part with no more room than this, from its middle to the wall, may be a slit between turbinate and wall."""
+CLEFT_MM = 2.6
+"""The olfactory cleft has no more room than this; posterior cells, which may lie beside it, have."""
 _SLIT_NECK, _NECK = 0.4, 0.57  # a part whose way in is narrower than this share of its room has an ostium
 _OPEN = 1.1  # a cavity that is open over so many times the section of its largest ball has none
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 from scipy.ndimage import binary_dilation, center_of_mass, distance_transform_edt, label
 
-from naris.airway.basins import Basins, basins_of, nasal_parts, wall_mm
+from naris.airway.basins import CLEFT_MM, Basins, basins_of, nasal_parts, wall_mm
 from naris.airway.block import TOUCHING, Block, block_of
 from naris.airway.boundary import air_level
 from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostril_mm, nostrils, room_air
@@ -185,12 +185,17 @@ def _labels(
     surely = nasal_parts(basins, through)[basins.part]
     extent = _extent(right, left, choana_row(surely, wall, right, left), block)
     middles = np.array(center_of_mass(basins.part > 0, basins.part, np.arange(1, len(basins.size))))
-    elsewhere = np.concatenate([[False], extent.beyond(block.points_mm(middles))])
-    nasal = nasal_parts(basins, through, elsewhere)[basins.part]
+    elsewhere, in_cleft = (
+        np.append(False, there(block.points_mm(middles))) for there in (extent.beyond, extent.in_cleft)
+    )
+    # The cleft may be pinched off in a scan, but what lies there is the nose.
+    cleft = in_cleft & (basins.room_mm <= CLEFT_MM)
+    nasal = (nasal_parts(basins, through, elsewhere) | cleft)[basins.part]
     row = choana_row(nasal, wall, right, left)
     front = nasal.copy()
     front[:, row:] = False
     labels = sides(front, wall, right, left).astype(np.uint8)
+    labels[front & (labels == 0)] = ATTACHED  # a cleft that leads nowhere has no side
     if row <= max(int(right[:, 1].min()), int(left[:, 1].min())):
         raise ScanError(
             "a septum between the two sides of the nose",

@@ -34,6 +34,7 @@ _HIGH, _FRONT = 0.73, 0.65  # frontal sinuses lie above the one and before the o
 _BEHIND, _ABOVE = 0.92, 0.27  # the sphenoid lies behind the one and above the other
 _LOW, _BESIDE = 0.47, 0.2  # maxillary sinuses lie below the one and beside the other
 _ROOF, _NEAR = 0.36, 0.3  # ethmoid cells lie above the one and, as the sphenoid, nearer to the middle than the other
+_CLEFT_BESIDE = 0.08
 _NASAL_ROOF, _CELLS, _CELLS_BESIDE = (
     0.7,
     0.45,
@@ -71,6 +72,11 @@ class Extent:
         """Where there are sinuses and no nasal cavity: above its roof, and to the side of its upper half."""
         beside, _, up = self.places(points_mm).T
         return np.asarray((up > _NASAL_ROOF) | ((up > _CELLS) & (np.abs(beside) > _CELLS_BESIDE)))
+
+    def in_cleft(self, points_mm: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+        """Beside the septum in its upper half, in front of the sphenoid: where the olfactory cleft is."""
+        beside, back, up = self.places(points_mm).T
+        return np.asarray((np.abs(beside) < _CLEFT_BESIDE) & (back < _BEHIND) & (up > _CELLS) & (up < _NASAL_ROOF))
 
 
 def named(
