@@ -41,7 +41,7 @@ class Basins:
         room_mm: (P + 1,) the largest distance to the wall in each part.
         pairs: (E, 2) parts that touch.
         neck_mm: (E,) the largest distance to the wall on the border of each pair.
-        area_mm2: (E,) of that border, in faces of nodes.
+        area_mm2: (E,) of that border, by the faces between nodes.
         size: (P + 1,) nodes in each part.
     """
 

@@ -109,13 +109,13 @@ def _floor_mm(airway: Airway) -> float:
 
 def _found(volume: Volume, step_mm: float) -> Airway | str:
     """The airway, on a finer lattice where a coarse one does not do; or why there is none."""
-    try:
-        return segment_airway(volume, step_mm)
-    except ScanError:
+    reason = ""
+    for step in dict.fromkeys((step_mm, min(step_mm, FINE_MM))):
         try:
-            return segment_airway(volume, min(step_mm, FINE_MM))
+            return segment_airway(volume, step)
         except ScanError as error:
-            return str(error)
+            reason = str(error)
+    return reason
 
 
 def _coarse(scan: Scan) -> list[Finding]:

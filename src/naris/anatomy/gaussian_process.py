@@ -5,8 +5,8 @@ Intelligence 2018): a displacement is a Gaussian process over space whose kernel
 around they move alike (their section 3.1), made symmetric by adding its mirror image (section 3.2), and computed with
 few numbers by Nyström's method (section 3.3). A displacement that is too steep for one step is walked in several, as a
 flow whose velocity stays where it is (V. Arsigny et al., MICCAI 2006), so that space never folds. To it comes the nasal
-cycle (`naris.anatomy.nasal_cycle`). Vertices move, no face crosses another, and all that is known in the anatomy moves
-with them (`naris.anatomy.carry`).
+cycle (`naris.anatomy.nasal_cycle`). Vertices move, no face comes to cross another, and all that is known in the anatomy
+moves with them (`naris.anatomy.carry`).
 """
 
 from __future__ import annotations

@@ -64,8 +64,9 @@ def run(options: Options, console: Console) -> int:
                     advance(1)
     model = build_shape_model(reference, patients, console.progress)
     data = _describe(model, options.out)
-    write_text(options.out / PAGE, shape_model_page(model, _facts(data)))
+    (options.out / PAGE).unlink(missing_ok=True)  # no model shall stand beside the page of another
     save_shape_model(model, options.out)
+    write_text(options.out / PAGE, shape_model_page(model, _facts(data)))
     console.answer(data, _text(data))
     return 0
 
