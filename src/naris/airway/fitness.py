@@ -66,18 +66,27 @@ class Fitness:
 
 def inspect_scan(scan: Scan, step_mm: float = STEP_MM) -> Fitness:
     """Look at a scan and try to find the airway in it; a scan that will not do is an answer, no error."""
-    airway = _found(scan.volume, step_mm)
-    if isinstance(airway, str):
-        reach_mm, findings = look_at(scan)
-        return Fitness(airway, reach_mm, {}, _metal(scan.volume)[0], 0.0, findings)
-    reach_mm, findings = look_at(scan, airway)
-    volumes = {name: round(airway.volume_ml(number + 1), 2) for number, name in enumerate(SEGMENTS)}
-    mouth_ml = _mouth_ml(airway, _floor_mm(airway), airway.landmarks_mm["anterior tip"])
-    return Fitness(None, reach_mm, volumes, _metal(scan.volume)[0], mouth_ml, findings)
+    found = _found(scan.volume, step_mm)
+    if isinstance(found, str):
+        look = look_at(scan)
+        return Fitness(found, look.reach_mm, {}, look.metal_ml, look.mouth_ml, look.findings)
+    look = look_at(scan, found)
+    volumes = {name: round(found.volume_ml(number + 1), 2) for number, name in enumerate(SEGMENTS)}
+    return Fitness(None, look.reach_mm, volumes, look.metal_ml, look.mouth_ml, look.findings)
 
 
-def look_at(scan: Scan, airway: Airway | None = None) -> tuple[dict[str, float], tuple[Finding, ...]]:
-    """How far a scan reaches beyond the tip of the nose (empty where it shows none), and what its user should know.
+@dataclass(frozen=True)
+class Look:
+    """What is seen of a scan; its attributes are those of `Fitness`."""
+
+    reach_mm: dict[str, float]
+    metal_ml: float
+    mouth_ml: float
+    findings: tuple[Finding, ...]
+
+
+def look_at(scan: Scan, airway: Airway | None = None) -> Look:
+    """What the user of a scan should know.
 
     Args:
         scan: as it was read.
@@ -88,11 +97,11 @@ def look_at(scan: Scan, airway: Airway | None = None) -> tuple[dict[str, float],
     try:
         tip_mm = nose_tip_mm(scan.volume) if airway is None else airway.landmarks_mm["anterior tip"]
     except ScanError:
-        return {}, (*findings, *_metal_told(metal_ml, highest_mm, None))
+        return Look({}, metal_ml, 0.0, (*findings, *_metal_told(metal_ml, highest_mm, None)))
     reach_mm = _reach_mm(scan.volume, tip_mm)
     findings += _cut_off(reach_mm)
     if airway is None:
-        return reach_mm, (*findings, *_metal_told(metal_ml, highest_mm, None))
+        return Look(reach_mm, metal_ml, 0.0, (*findings, *_metal_told(metal_ml, highest_mm, None)))
     floor_mm = _floor_mm(airway)
     findings += _metal_told(metal_ml, highest_mm, floor_mm)
     mouth_ml = _mouth_ml(airway, floor_mm, tip_mm)
@@ -100,7 +109,7 @@ def look_at(scan: Scan, airway: Airway | None = None) -> tuple[dict[str, float],
         told = f"an open mouth: {mouth_ml:.0f} ml of air below the palate, joined to the pharynx, were cut off"
         findings.append(Finding("open mouth", told))
     known = {one.code for one in findings}
-    return reach_mm, (*findings, *(one for one in airway.findings if one.code not in known))
+    return Look(reach_mm, metal_ml, mouth_ml, (*findings, *(one for one in airway.findings if one.code not in known)))
 
 
 def _floor_mm(airway: Airway) -> float:

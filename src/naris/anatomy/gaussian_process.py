@@ -19,13 +19,13 @@ from jaxtyping import Float, Float32
 from naris.anatomy.carry import carried_along
 from naris.anatomy.crossings import crossings, uncrossed
 from naris.anatomy.nasal_cycle import NasalCycle
+from naris.anatomy.shape_curves import MOST_SD
 from naris.core.anatomy import Anatomy, Between
 from naris.errors import InputError, PoseError
 
 _SPREAD = 0.6  # scales between the points that the process is computed at
 _KEPT = 1e-3  # modes with less than this share of the greatest are left out
 _MOST_POINTS = 1500
-_MOST_SD = 2.5
 _TRIES = 20
 _STEEPEST = 0.5
 """The greatest stretch of a step: below 1 it cannot fold, and it is known at the points of the process only."""
@@ -130,9 +130,9 @@ class GaussianProcess:
         rng = np.random.default_rng([seed, number])
         d, sided = self.deformation, self.has_sides
         for draw in range(1, _TRIES + 1):
-            drawn = [np.clip(rng.standard_normal((modes.shape[1], n)), -_MOST_SD, _MOST_SD)
+            drawn = [np.clip(rng.standard_normal((modes.shape[1], n)), -MOST_SD, MOST_SD)
                      for modes, n in zip(self.modes, (1, 2), strict=True)]  # fmt: skip
-            cycle = float(np.clip(rng.standard_normal(), -_MOST_SD, _MOST_SD))
+            cycle = float(np.clip(rng.standard_normal(), -MOST_SD, MOST_SD))
             deformed = self._deformed(drawn)
             vertices = uncrossed(deformed, deformed + self.cycle.shift_mm(cycle), self.anatomy.faces)
             if len(crossings(vertices, self.anatomy.faces)) > self.crossings:

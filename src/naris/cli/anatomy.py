@@ -55,18 +55,20 @@ def run(options: Options, console: Console) -> int:
     data = _describe(anatomy)
     if options.out is not None:
         save_anatomy(anatomy, options.out)
-        draw_page(anatomy, options.out)
+        draw_page(anatomy, options.out, data)
         data |= {"folder": options.out, "picture": options.out / PICTURE}
     console.answer(data, _text(data))
     return 0
 
 
-def draw_page(anatomy: Anatomy, folder: Path) -> None:
-    """Writes the picture of an anatomy, with its first regions in colour, into its folder."""
+def draw_page(anatomy: Anatomy, folder: Path, described: dict[str, Any] | None = None) -> None:
+    """Writes the picture of an anatomy, with its first regions in colour, into its folder; it is described once."""
     from naris.core.atomic import write_text
     from naris.report.anatomy_page import anatomy_page
 
-    write_text(folder / PICTURE, anatomy_page(anatomy, anatomy.region_set().name, _facts(_describe(anatomy))))
+    write_text(
+        folder / PICTURE, anatomy_page(anatomy, anatomy.region_set().name, _facts(described or _describe(anatomy)))
+    )
 
 
 def interrupted(options: Options) -> str:

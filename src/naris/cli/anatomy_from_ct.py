@@ -61,13 +61,13 @@ def run(options: Options, console: Console) -> int:
             made = anatomy_of_airway(airway, options.name, _source(scan, options.step_mm), attached=options.sinuses)
             advance(1)
         except (ScanError, SurfaceError) as error:
-            return _no_airway(str(error), look_at(scan)[1], options.out, console)
+            return _no_airway(str(error), look_at(scan).findings, options.out, console)
         except PoseError:
             reason = (
                 "expected a way for a camera from both nostrils to the nasopharynx, got none; the nose is too narrow"
             )
-            return _no_airway(reason, look_at(scan, airway)[1], options.out, console)
-        findings = tuple(dict.fromkeys((*look_at(scan, airway)[1], *made.findings)))
+            return _no_airway(reason, look_at(scan, airway).findings, options.out, console)
+        findings = tuple(dict.fromkeys((*look_at(scan, airway).findings, *made.findings)))
         for name in (SEGMENTATION, PICTURE):
             (options.out / name).unlink(missing_ok=True)  # no anatomy shall stand beside those of another
         save_anatomy(made.anatomy, options.out)

@@ -14,12 +14,11 @@ from naris.core.progress import SILENT, Progress
 from naris.ct.dicom import read_dicom
 from naris.ct.files import read_file
 from naris.ct.scan import Scan
+from naris.ct.series import is_dicom
 from naris.ct.values import check_values
 from naris.errors import OutOfMemory, ScanError
 
 log = logging.getLogger(__name__)
-
-_MAGIC = b"DICM"
 
 
 def read_scan(path: Path | str, series: str | None = None, progress: Progress = SILENT) -> Scan:
@@ -45,7 +44,7 @@ def read_scan(path: Path | str, series: str | None = None, progress: Progress = 
 def _read(path: Path, series: str | None, progress: Progress) -> Scan:
     if not path.exists():
         raise ScanError(f"a scan at {path}", "nothing there", "check the path")
-    if path.is_dir() or _is_dicom(path):
+    if path.is_dir() or is_dicom(path):
         scan = read_dicom(path, series, progress)
     elif series is not None:
         raise ScanError("a DICOM folder, to choose a series of", path.name, "leave --series out")
@@ -61,13 +60,3 @@ def _without_chatter() -> Iterator[None]:
         yield
     for kind, count in Counter(one.category.__name__ for one in told).items():
         log.debug("libraries warned while reading: %s, %d times", kind, count)
-
-
-def _is_dicom(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return file.read(132)[128:] == _MAGIC
-    except OSError as error:
-        raise ScanError(
-            f"a readable file {path.name}", error.strerror or "an error", "check its permissions"
-        ) from error

@@ -125,7 +125,7 @@ def contents_of(folder: Path, progress: Progress = SILENT) -> Contents:
     strange: list[Path] = []
     with progress.task("headers", len(paths)) as advance:
         for path in paths:
-            if not _is_dicom(path):
+            if not is_dicom(path):
                 strange += [path] if _could_be_a_slice(path) else []
             elif (header := _header(path)) is not None:
                 found[str(header.SeriesInstanceUID)].append((path, header))
@@ -136,7 +136,12 @@ def contents_of(folder: Path, progress: Progress = SILENT) -> Contents:
     return Contents(tuple(sorted(series, key=lambda one: (-len(one.images), one.key))), tuple(strange))
 
 
-def _is_dicom(path: Path) -> bool:
+def is_dicom(path: Path) -> bool:
+    """By what stands behind its preamble.
+
+    Raises:
+        ScanError: if the file cannot be read.
+    """
     try:
         with path.open("rb") as file:
             return file.read(132)[128:] == b"DICM"
