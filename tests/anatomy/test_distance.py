@@ -254,3 +254,15 @@ def test_far_tissue_may_be_left_out_and_nothing_else_changes() -> None:
     assert 0.3 < exact.mean() < 0.8
     assert (near.values_mm[exact] == whole.values_mm[exact]).all()
     assert (whole.values_mm[~exact] <= -3.0).all()
+
+
+@pytest.mark.parametrize("between", [False, True])
+def test_around_some_points_a_finer_grid_says_what_the_surface_says(between) -> None:
+    anatomy = plates().with_(airspace=Between(ball_mm=8.0)) if between else torus()
+    points = np.array([[-1.0, 0.0, 0.0], [1.0, 14.0, 2.0]]) if between else np.array([[20.0, 0, 0], [14.0, 14.0, 2.0]])
+    fine = signed_distance(anatomy, 2.0).around(points, 3.0, 0.5)
+    low, high = (np.array([axis[end] for axis in fine.nodes_mm]) for end in (0, -1))
+    assert (low <= points.min(axis=0) - 3.0).all() and (high >= points.max(axis=0) + 3.0).all()
+    exact = fine.exact(np.stack(np.meshgrid(*fine.nodes_mm, indexing="ij"), axis=-1))
+    np.testing.assert_allclose(fine.values_mm[exact > -1.0], exact[exact > -1.0], atol=1e-5)
+    assert (fine.values_mm[exact < -1.0] <= -1.0 + 1e-5).all()

@@ -173,3 +173,23 @@ def test_resampling_keeps_ends_and_never_lengthens(points, step):
     gaps = np.linalg.norm(np.diff(out, axis=0), axis=1)
     assert gaps.sum() <= length * (1 + 1e-9)
     assert gaps.max() <= max(1.51 * step, length * (1 + 1e-9) if length < 1.5 * step else 0)
+
+
+def test_a_way_too_narrow_for_the_grid_is_found_on_a_finer_one():
+    """A roomy tube with a thin one beside it: nodes 2 mm apart miss the thin one, and its neighbour stays as it was."""
+    thin = trimesh.creation.cylinder(radius=0.8, height=40.0, sections=48)
+    thin.apply_translation([1.0 + 0.8, 0.0, 20.0])
+    wide = trimesh.creation.cylinder(radius=6.0, height=40.0, sections=64)
+    wide.apply_translation([0.0, 0.0, -20.0])
+    anatomy = anatomy_of(trimesh.boolean.union([wide, thin], engine="manifold"))
+    coarse = signed_distance(anatomy, 2.0)
+    ends = [np.array([0.0, 0.0, z]) for z in (-38.0, -4.0)]
+    routes = [Route("wide", *ends), Route("thin", ends[1], np.array([1.8, 0.0, 38.0]))]
+    with pytest.raises(PoseError, match=r"within 5 mm"):
+        find_passages(anatomy, coarse, routes)
+    found = find_passages(anatomy, coarse, routes, finer_mm=0.4)
+    assert [passage.name for passage in found] == ["wide", "thin"]
+    (alone,) = find_passages(anatomy, coarse, routes[:1])
+    np.testing.assert_array_equal(found[0].points_mm, alone.points_mm)
+    assert found[1].points_mm[-1, 2] > 35.0
+    lies_inside(found[1], coarse)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from naris.anatomy.centreline_kernels import relax
 from naris.anatomy.distance import SignedDistance
 
 STEP_MM = 0.5
@@ -27,10 +28,8 @@ def centreline(
     start = resample(way_mm, STEP_MM)
     points = start.copy()
     least = _KEPT_CLEARANCE * np.minimum(distance(start), _AMPLE_MM)
-    for _ in range(_ROUNDS):
-        moved = _relax(points, distance)
-        stays = distance(moved) >= least
-        points = np.where(stays[:, None], moved, points)
+    lattice = (distance.values_mm, distance.origin_mm, distance.spacing_mm)
+    relax(points, least, lattice, _ROUNDS, _SMOOTHING, _CENTRING_MM, _AMPLE_MM)
     for candidate in (resample(points, STEP_MM), start):
         clearance = distance.exact(candidate)
         if _surely_inside(candidate, clearance):
@@ -45,18 +44,6 @@ def resample(points_mm: Float[np.ndarray, "m 3"], step_mm: float) -> Float[np.nd
     along, points = np.append(0.0, np.cumsum(steps))[kept], points_mm[kept]
     wanted = np.linspace(0.0, along[-1], max(round(float(along[-1]) / step_mm), 1) + 1)
     return np.stack([np.interp(wanted, along, points[:, k]) for k in range(3)], axis=1)
-
-
-def _relax(points: Float[np.ndarray, "n 3"], distance: SignedDistance) -> Float[np.ndarray, "n 3"]:
-    moved = points.copy()
-    neighbours = 0.5 * (points[:-2] + points[2:])
-    moved[1:-1] += _SMOOTHING * (neighbours - points[1:-1])
-    tangent = points[2:] - points[:-2]
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-    pull = distance.gradient(points[1:-1]) * np.maximum(1.0 - distance(points[1:-1]) / _AMPLE_MM, 0.0)[:, None]
-    pull -= (pull * tangent).sum(axis=1, keepdims=True) * tangent
-    moved[1:-1] += _CENTRING_MM * pull
-    return moved
 
 
 def _surely_inside(points: Float[np.ndarray, "n 3"], clearance: Float[np.ndarray, "n"]) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -91,6 +91,14 @@ class SignedDistance:
         wound = np.asarray(self.triangles.winding(points_mm) >= 1)
         return np.asarray(wound if self.envelope is None else ~wound & (self.envelope(points_mm) > 0))
 
+    def around(self, points_mm: Float[np.ndarray, "n 3"], margin_mm: float, spacing_mm: float) -> SignedDistance:
+        """The same on a lattice of its own in the box around some points; nodes deep in tissue may say less."""
+        first = np.floor((points_mm.min(axis=0) - margin_mm) / spacing_mm)
+        nx, ny, nz = (int(n) + 1 for n in np.ceil((points_mm.max(axis=0) + margin_mm) / spacing_mm) - first)
+        origin = first * spacing_mm
+        values = _values(self.triangles, origin, spacing_mm, (nx, ny, nz), self.envelope, 2 * spacing_mm)
+        return replace(self, values_mm=values, origin_mm=origin, spacing_mm=spacing_mm)
+
     @property
     def nodes_mm(self) -> tuple[Float[np.ndarray, "nx"], Float[np.ndarray, "ny"], Float[np.ndarray, "nz"]]:
         """The coordinates of the nodes along x, y and z."""
@@ -139,13 +147,22 @@ def _compute(anatomy: Anatomy, spacing_mm: float, tissue_to_mm: float) -> Signed
         )
     triangles = index_triangles(anatomy.vertices_mm, anatomy.faces)
     origin = first * spacing_mm
-    between = isinstance(anatomy.airspace, Between)
-    values = triangles.lattice(origin, spacing_mm, shape, np.inf if between else tissue_to_mm)
-    end = None
-    if isinstance(anatomy.airspace, Between):
-        end = envelope(triangles, low, high, anatomy.airspace)
-        axes = (origin[k] + spacing_mm * np.arange(shape[k]) for k in range(3))
-        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        values = np.minimum(-values, end(nodes)).astype(np.float32)
-    values.setflags(write=False)
+    end = envelope(triangles, low, high, anatomy.airspace) if isinstance(anatomy.airspace, Between) else None
+    values = _values(triangles, origin, spacing_mm, shape, end, tissue_to_mm)
     return SignedDistance(values, origin, spacing_mm, anatomy.frame, triangles, end)
+
+
+def _values(
+    triangles: TriangleIndex,
+    origin_mm: Float[np.ndarray, "3"],
+    spacing_mm: float,
+    shape: tuple[int, int, int],
+    end: Envelope | None,
+    tissue_to_mm: float,
+) -> Float32[np.ndarray, "nx ny nz"]:
+    values = triangles.lattice(origin_mm, spacing_mm, shape, np.inf if end is not None else tissue_to_mm)
+    if end is not None:
+        axes = (origin_mm[k] + spacing_mm * np.arange(shape[k]) for k in range(3))
+        values = np.minimum(-values, end(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))).astype(np.float32)
+    values.setflags(write=False)
+    return values

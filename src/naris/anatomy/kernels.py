@@ -205,23 +205,28 @@ def sign_lattice(origin, spacing, corners, columns, values):
 
 
 @njit(cache=True, nogil=True)
-def interpolate(points, values, origin, spacing, out):
+def value_at(x, y, z, values, origin, spacing):
+    """Trilinear; beyond the lattice the value at its edge less the way there; NaN for NaN."""
     nx, ny, nz = values.shape
+    # Number by number: an array for each point would cost more than the rest.
+    u = (x - origin[0]) / spacing
+    v = (y - origin[1]) / spacing
+    w = (z - origin[2]) / spacing
+    if not (np.isfinite(u) and np.isfinite(v) and np.isfinite(w)):
+        return np.nan
+    cu, cv, cw = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0), min(max(w, 0.0), nz - 1.0)
+    beyond = np.sqrt((u - cu) ** 2 + (v - cv) ** 2 + (w - cw) ** 2) * spacing
+    i, j, k = min(int(cu), nx - 2), min(int(cv), ny - 2), min(int(cw), nz - 2)
+    a, b, c = cu - i, cv - j, cw - k
+    low = (1 - c) * values[i, j, k] + c * values[i, j, k + 1]
+    up = (1 - c) * values[i, j + 1, k] + c * values[i, j + 1, k + 1]
+    near = (1 - b) * low + b * up
+    low = (1 - c) * values[i + 1, j, k] + c * values[i + 1, j, k + 1]
+    up = (1 - c) * values[i + 1, j + 1, k] + c * values[i + 1, j + 1, k + 1]
+    return (1 - a) * near + a * ((1 - b) * low + b * up) - beyond
+
+
+@njit(cache=True, nogil=True)
+def interpolate(points, values, origin, spacing, out):
     for n in range(len(points)):
-        # Number by number: an array for each point would cost more than the rest.
-        u = (points[n, 0] - origin[0]) / spacing
-        v = (points[n, 1] - origin[1]) / spacing
-        w = (points[n, 2] - origin[2]) / spacing
-        if not (np.isfinite(u) and np.isfinite(v) and np.isfinite(w)):
-            out[n] = np.nan
-            continue
-        cu, cv, cw = min(max(u, 0.0), nx - 1.0), min(max(v, 0.0), ny - 1.0), min(max(w, 0.0), nz - 1.0)
-        beyond = np.sqrt((u - cu) ** 2 + (v - cv) ** 2 + (w - cw) ** 2) * spacing
-        i, j, k = min(int(cu), nx - 2), min(int(cv), ny - 2), min(int(cw), nz - 2)
-        a, b, c = cu - i, cv - j, cw - k
-        low = (1 - c) * values[i, j, k] + c * values[i, j, k + 1]
-        up = (1 - c) * values[i, j + 1, k] + c * values[i, j + 1, k + 1]
-        near = (1 - b) * low + b * up
-        low = (1 - c) * values[i + 1, j, k] + c * values[i + 1, j, k + 1]
-        up = (1 - c) * values[i + 1, j + 1, k] + c * values[i + 1, j + 1, k + 1]
-        out[n] = (1 - a) * near + a * ((1 - b) * low + b * up) - beyond
+        out[n] = value_at(points[n, 0], points[n, 1], points[n, 2], values, origin, spacing)

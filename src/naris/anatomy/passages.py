@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -19,6 +20,7 @@ from naris.anatomy.centreline import centreline
 from naris.anatomy.distance import SignedDistance, signed_distance
 from naris.anatomy.lumen import LumenGraph, Tree, lumen_graph
 from naris.core.anatomy import Anatomy, Passage
+from naris.errors import PoseError
 
 _END_CLEARANCE_MM = 1.0
 _ROOMY_MM = 0.8
@@ -26,6 +28,7 @@ _COVERED_MM = 9.0
 _MOST_BRANCHES = 6
 _SAME_WAY_MM = 1.5
 _DEAD_END_MM = 6.0
+_AROUND_MM = 5.0
 _NOSTRIL, _NASOPHARYNX = "nostril", "nasopharynx"
 
 
@@ -45,9 +48,23 @@ class Route:
     end_mm: Float[np.ndarray, "3"]
     via_mm: tuple[Float[np.ndarray, "3"], ...] = ()
 
+    @property
+    def points_mm(self) -> Float[np.ndarray, "n 3"]:
+        """Start, via and end, in order."""
+        return np.stack([self.start_mm, *self.via_mm, self.end_mm])
+
+
+class _Narrow(NamedTuple):
+    route: Route
+    reason: PoseError
+
 
 def find_passages(
-    anatomy: Anatomy, distance: SignedDistance | None = None, routes: Sequence[Route] | None = None
+    anatomy: Anatomy,
+    distance: SignedDistance | None = None,
+    routes: Sequence[Route] | None = None,
+    *,
+    finer_mm: float | None = None,
 ) -> tuple[Passage, ...]:
     """The passages of an anatomy: points 0.5 mm apart, each inside the lumen, ordered from outside to inside.
 
@@ -56,20 +73,42 @@ def find_passages(
     in the mean nose; for a lumen that hardly extends along y, its two most distant places). Then the passages are
     called `main`, `branch 1`, … or, with the words before `nostril`, `left.main`, `left.branch 1`, …
 
+    With `finer_mm`, a route that ends where the grid is too coarse for the lumen is sought once more, around its points
+    on a grid of that spacing.
+
     Raises:
         PoseError: if a point of a route is more than 5 mm away from the lumen, or the lumen is too thin for the grid.
     """
     distance = distance or signed_distance(anatomy)
     graph = lumen_graph(distance)
-    ways = _ways_found(graph, anatomy.landmarks_mm) if routes is None else _ways_of_routes(graph, routes)
-    return tuple(Passage(name, *centreline(graph.points_mm[way], distance)) for name, way in ways.items())
-
-
-def _ways_of_routes(graph: LumenGraph, routes: Sequence[Route]) -> dict[str, Int[np.ndarray, "m"]]:
-    stops = {
-        route.name: [graph.nearest(point) for point in (route.start_mm, *route.via_mm, route.end_mm)]
-        for route in routes
+    if routes is None:
+        ways = _ways_found(graph, anatomy.landmarks_mm)
+        return tuple(Passage(name, *centreline(graph.points_mm[way], distance)) for name, way in ways.items())
+    stops, narrow = _stops(graph, routes)
+    if narrow and finer_mm is None:
+        raise narrow[0].reason
+    found = {
+        name: Passage(name, *centreline(graph.points_mm[way], distance))
+        for name, way in _ways_through_stops(graph, stops).items()
     }
+    for route in (each.route for each in narrow):
+        around = distance.around(route.points_mm, _AROUND_MM, finer_mm or distance.spacing_mm)
+        found[route.name], *_ = find_passages(anatomy, around, [route])
+    return tuple(found[route.name] for route in routes)
+
+
+def _stops(graph: LumenGraph, routes: Sequence[Route]) -> tuple[dict[str, list[int]], list[_Narrow]]:
+    """The nodes that each route passes, and the routes that have a point too far from all nodes."""
+    stops, narrow = {}, []
+    for route in routes:
+        try:
+            stops[route.name] = [graph.nearest(point) for point in route.points_mm]
+        except PoseError as error:
+            narrow.append(_Narrow(route, error))
+    return stops, narrow
+
+
+def _ways_through_stops(graph: LumenGraph, stops: dict[str, list[int]]) -> dict[str, Int[np.ndarray, "m"]]:
     legs = {leg for each in stops.values() for leg in pairwise(each)}
     ends = {start: sorted(end for begin, end in legs if begin == start) for start, _ in legs}
     trees = {start: graph.central_tree(start, to) for start, to in ends.items()}

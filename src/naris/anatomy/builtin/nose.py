@@ -29,7 +29,7 @@ FRAME = "LPS"
 NAME = "built-in nose"
 RESOLUTION_MM = 0.65
 _RESOLUTION_LIMITS_MM = (0.25, 1.0)
-_PASSAGE_SPACINGS_MM = (1.0, 0.5)
+_PASSAGE_SPACING_MM, _NARROW_SPACING_MM = 1.0, 0.5
 _SMOOTHING_STEPS = 4
 _PASS_BAND = (0.50, -0.53)
 
@@ -115,15 +115,12 @@ def built_in_nose(
 
 
 def _passages(anatomy: Anatomy) -> tuple[Passage, ...]:
-    """Along the routes of the built-in nose; a finer grid is tried where a coarse one finds no way through."""
-    wanted = routes(anatomy.landmarks_mm)
-    for spacing_mm in _PASSAGE_SPACINGS_MM:
-        try:
-            lumen = signed_distance(anatomy, spacing_mm, tissue_to_mm=2 * spacing_mm)
-            return find_passages(anatomy, lumen, wanted)
-        except PoseError as error:
-            closed = error
-    raise InputError("passages open from the nostrils to their ends", str(closed), "widen the meatuses")
+    """Along the routes of the built-in nose."""
+    lumen = signed_distance(anatomy, _PASSAGE_SPACING_MM, tissue_to_mm=2 * _PASSAGE_SPACING_MM)
+    try:
+        return find_passages(anatomy, lumen, routes(anatomy.landmarks_mm), finer_mm=_NARROW_SPACING_MM)
+    except PoseError as error:
+        raise InputError("passages open from the nostrils to their ends", str(error), "widen the meatuses") from error
 
 
 def _told(parameters: NoseParameters) -> str:
