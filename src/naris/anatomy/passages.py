@@ -74,7 +74,7 @@ def find_passages(
     called `main`, `branch 1`, … or, with the words before `nostril`, `left.main`, `left.branch 1`, …
 
     With `finer_mm`, a route that ends where the grid is too coarse for the lumen is sought once more, around its points
-    on a grid of that spacing.
+    on a grid of that spacing, and if need be in the whole lumen on such a grid.
 
     Raises:
         PoseError: if a point of a route is more than 5 mm away from the lumen, or the lumen is too thin for the grid.
@@ -92,9 +92,16 @@ def find_passages(
         for name, way in _ways_through_stops(graph, stops).items()
     }
     for route in (each.route for each in narrow):
-        around = distance.around(route.points_mm, _AROUND_MM, finer_mm or distance.spacing_mm)
-        found[route.name], *_ = find_passages(anatomy, around, [route])
+        found[route.name] = _finer(anatomy, distance, route, finer_mm or distance.spacing_mm)
     return tuple(found[route.name] for route in routes)
+
+
+def _finer(anatomy: Anatomy, distance: SignedDistance, route: Route, spacing_mm: float) -> Passage:
+    """Around the points of a route, or, where the way there makes a detour, in the whole lumen."""
+    try:
+        return find_passages(anatomy, distance.around(route.points_mm, _AROUND_MM, spacing_mm), [route])[0]
+    except PoseError:
+        return find_passages(anatomy, distance.around(anatomy.bounds_mm, spacing_mm, spacing_mm), [route])[0]
 
 
 def _stops(graph: LumenGraph, routes: Sequence[Route]) -> tuple[dict[str, list[int]], list[_Narrow]]:
