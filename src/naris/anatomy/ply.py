@@ -51,6 +51,24 @@ def read_ply(path: Path, content: bytes) -> MeshFile:
     Raises:
         SurfaceError: if it is not PLY, not all of it, or has no faces.
     """
+    vertices, faces, header = _elements(path, content)
+    if faces is None or not len(faces):
+        raise broken(path, "PLY", "no faces (a cloud of points?)")
+    frame = _FRAME.search(header)
+    return MeshFile(vertices, faces, frame[1].decode("utf-8", "replace") if frame else space_in(header))
+
+
+def read_ply_points(path: Path, content: bytes) -> Float[np.ndarray, "v 3"]:
+    """The vertices of a PLY file, with faces or without.
+
+    Raises:
+        SurfaceError: if it is not PLY, not all of it, or has no vertices.
+    """
+    return _elements(path, content)[0]
+
+
+def _elements(path: Path, content: bytes) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"] | None, bytes]:
+    """Vertices, faces if there are some, and the header."""
     header, body = _split(path, content)
     order, elements = _parse_header(path, header)
     rows: _TextRows | _BinaryRows = _BinaryRows(path, body, order) if order else _TextRows(path, body)
@@ -65,10 +83,9 @@ def read_ply(path: Path, content: bytes) -> MeshFile:
             faces = rows.polygons(element)
         elif vertices is None or faces is None:
             rows.table(element) if element.fixed else rows.polygons(element)
-    if vertices is None or faces is None or not len(faces):
-        raise broken(path, "PLY", "no faces (a cloud of points?)" if vertices is not None else "no vertices")
-    frame = _FRAME.search(header)
-    return MeshFile(vertices, faces, frame[1].decode("utf-8", "replace") if frame else space_in(header))
+    if vertices is None:
+        raise broken(path, "PLY", "no vertices")
+    return vertices, faces, header
 
 
 def write_surface(anatomy: Anatomy, path: Path | str) -> None:

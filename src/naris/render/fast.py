@@ -122,7 +122,7 @@ def _camera(intrinsics: Intrinsics) -> Camera:
     index = np.full((rows, columns), -1)
     index[:height, :width] = np.arange(height * width).reshape(height, width)
     pixel = index.reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK).swapaxes(1, 2).ravel()
-    valid = _aligned(len(pixel), np.int32)
+    valid = aligned(len(pixel), np.int32)
     valid[:] = -1 * ((pixel >= 0) & rays.exists[pixel])
     x, y, z = np.ascontiguousarray(rays.directions[pixel].T)
     inside = np.arange(LANES)
@@ -175,8 +175,8 @@ def _scratch(camera: Camera, vertices: int) -> Scratch:
     plane = -(-camera.height // BLOCK) * BLOCK * camera.stride
     kept: Scratch | None = getattr(_local, "scratch", None)
     if kept is None or kept.light.shape[1] != plane or kept.lit.shape[2] != vertices:
-        rays, narrow = _aligned(PACKET_FIELDS * LANES, np.float32), _aligned(PACKET_FIELDS * LANES, np.float32)
-        again, part = _aligned(LANES, np.int32), _aligned(LANES, np.int32)
+        rays, narrow = aligned(PACKET_FIELDS * LANES, np.float32), aligned(PACKET_FIELDS * LANES, np.float32)
+        again, part = aligned(LANES, np.int32), aligned(LANES, np.int32)
         packet = Packet(rays, rays.view(np.int32), narrow, narrow.view(np.int32), again, part)
         kept = _local.scratch = Scratch(
             packet,
@@ -191,7 +191,7 @@ def _scratch(camera: Camera, vertices: int) -> Scratch:
     return kept
 
 
-def _aligned(count: int, dtype: type) -> np.ndarray:
+def aligned(count: int, dtype: type) -> np.ndarray:
     """Zeros that begin on a 64-byte boundary, as Embree demands of packets and masks."""
     raw = np.zeros(count * 4 + _ALIGNMENT, np.uint8)
     begin = -raw.ctypes.data % _ALIGNMENT
