@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -53,3 +54,32 @@ class Prediction:
     @property
     def region_name(self) -> str:
         return self.region_names[self.region]
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """What a registration came to.
+
+    Attributes:
+        anatomy_T_camera: the pose of the camera, or None where it was refused.
+        best: the most likely pose, whatever was decided: to look into, not to navigate by.
+        status: `registered` or `refused`.
+        reason: why it was refused, or None.
+        probability: of being within 2 mm and 5° of the truth.
+        scale: mm per unit of the observation.
+        cost: −2 log likelihood, the mean over the rays.
+        margin: how much more unlikely the best pose of another basin is, in −2 log likelihood.
+        covariance: (6, 6) of the twist in the camera (mm, rad), if the basin is right.
+        alternatives: (M,) the best poses of other basins, best first.
+    """
+
+    anatomy_T_camera: Pose | None
+    best: Pose
+    status: Literal["registered", "refused"]
+    reason: str | None
+    probability: float
+    scale: float
+    cost: float
+    margin: float
+    covariance: Float[np.ndarray, "6 6"]
+    alternatives: Pose

@@ -1,0 +1,165 @@
+"""How far a registration can be believed: evidence from its own solutions, and a probability learnt on trials.
+
+The probability is a logistic regression on what `Evidence.features` gives, fitted on simulated trials in virtual
+patients (`naris.bench.trials`), never on those that a benchmark reports.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from naris.register.kernels import cast
+from naris.register.map import RegistrationMap
+from naris.register.observation import Observation
+from naris.register.rays import memory_for, prepared
+from naris.register.solve import Solutions
+
+FITTED = "confidence.json"
+_MOST_MARGIN = 60.0
+_EXPLAINED_SD = 3.0
+_LEAST_EXPLAINED = 0.6
+_SAME_MM, _SAME_RAD = 1.0, 0.09
+_LEAST_COSINE = 0.05
+_LOOSE_MM, _LOOSE_DEG = 1.5, 4.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for and against the best pose.
+
+    Attributes:
+        margin: in −2 log likelihood, to the best pose of another basin.
+        sd_mm, sd_deg: the largest standard deviations of position and rotation, if the basin is right.
+        explained: the share of rays within 3 standard deviations of the wall, the smooth error counted as noise.
+        misfit: the median of their absolute residuals over what it should be; 1 where the noise is as said.
+        excess: how much more the pose costs a ray, with the smooth error estimated, than noise as said would.
+        agreement: the share of solutions that ended at the best pose.
+        chance_of_other: likelihood of all other basins over that of all.
+        free: whether the scale was free.
+        clearance_mm: of the camera.
+    """
+
+    margin: float
+    sd_mm: float
+    sd_deg: float
+    explained: float
+    misfit: float
+    excess: float
+    agreement: float
+    chance_of_other: float
+    free: bool
+    clearance_mm: float
+
+    @staticmethod
+    def of(
+        at: RegistrationMap,
+        observation: Observation,
+        solutions: Solutions,
+        basins: Int[np.ndarray, "m"],
+        covariance: Float[np.ndarray, "6 6"],
+    ) -> Evidence:
+        """The evidence for the first of the basins."""
+        above = (solutions.costs[basins] - solutions.costs[0]) * solutions.rays
+        pose, scale = solutions.poses[0], float(np.exp(solutions.log_scales[0]))
+        explained, misfit, expected = _fit(at, observation, pose, scale)
+        off_mm = np.linalg.norm(solutions.poses[:, :3, 3] - pose[:3, 3], axis=1)
+        cosine = (np.einsum("nij,ij->n", solutions.poses[:, :3, :3], pose[:3, :3]) - 1) / 2
+        same = (off_mm < _SAME_MM) & (cosine > np.cos(_SAME_RAD))
+        odds = np.exp(-0.5 * np.minimum(above[1:], 1e3)).sum()
+        return Evidence(
+            margin=float(above[1]) if len(above) > 1 else float("inf"),
+            sd_mm=_largest(covariance[:3, :3]),
+            sd_deg=float(np.rad2deg(_largest(covariance[3:, 3:]))),
+            explained=explained,
+            misfit=misfit,
+            excess=float(solutions.costs[0]) - expected,
+            agreement=float(same.mean()),
+            chance_of_other=float(odds / (1 + odds)),
+            free=observation.scale.free,
+            clearance_mm=float(at.distance(pose[:3, 3])),
+        )
+
+    @property
+    def features(self) -> Float[np.ndarray, "f"]:
+        """For the regression, each of the order of 1."""
+        margin = min(self.margin, _MOST_MARGIN)
+        return np.array(
+            [
+                np.log1p(max(margin, 0.0)),
+                margin / _MOST_MARGIN,
+                np.log(self.sd_mm + 0.01),
+                np.log(self.sd_deg + 0.1),
+                10 * (self.explained - 0.95),
+                np.log(max(self.misfit, 1e-3)),
+                np.clip(self.excess, -0.5, 3.0),
+                self.agreement,
+                float(self.free),
+                min(self.clearance_mm, 4.0),
+            ]
+        )
+
+    def refusal(self, chance: float, least: float) -> str | None:
+        """Why the pose should not be used, the heaviest reason first; None where it may be."""
+        if self.explained < _LEAST_EXPLAINED:
+            return (
+                f"no pose explains what was seen: {self.explained:.0%} of the rays fit the best one; "
+                "another patient, another scale or other noise than was said"
+            )
+        if chance >= least:
+            return None
+        if self.margin < 6.0:
+            return f"several places fit alike (probability {chance:.2f}): give another view, or more of them"
+        if self.sd_mm > _LOOSE_MM or self.sd_deg > _LOOSE_DEG:
+            return (
+                f"the view leaves the pose loose ({self.sd_mm:.1f} mm, {self.sd_deg:.1f}°, probability {chance:.2f}): "
+                "give a view with more shape"
+            )
+        return f"the pose is not sure enough: probability {chance:.2f} where {least:.2f} is asked"
+
+
+def probability(evidence: Evidence) -> float:
+    """Of being within 2 mm and 5° of the truth, in an anatomy and with noise as in the simulated trials."""
+    fitted = _fitted()
+    if fitted is None:
+        return 1.0 - evidence.chance_of_other
+    weights, bias = fitted
+    return float(1 / (1 + np.exp(-np.clip(evidence.features @ weights + bias, -30, 30))))
+
+
+@lru_cache(maxsize=1)
+def _fitted() -> tuple[Float[np.ndarray, "f"], float] | None:
+    file = resources.files("naris.register").joinpath(FITTED)
+    if not file.is_file():
+        return None
+    told = json.loads(file.read_text(encoding="utf-8"))
+    return np.array(told["weights"]), float(told["bias"])
+
+
+def _fit(
+    at: RegistrationMap, observation: Observation, pose: Float[np.ndarray, "4 4"], scale: float
+) -> tuple[float, float, float]:
+    """The share of rays that a pose explains, the misfit of those, and what a ray would cost if all were as said."""
+    rays, _ = prepared(at, observation, smooth=False)
+    memory = memory_for(rays)
+    cast(at.embree, rays, pose, scale, memory)
+    real = rays.valid != 0
+    wall = np.abs(memory.hit[real])
+    cosine = np.maximum(-(memory.normal * memory.ray).sum(axis=0)[real], _LEAST_COSINE)
+    even = rays.isotropic[real] / cosine
+    off = np.abs(rays.range[real] * scale - wall) / (scale * np.hypot(rays.radial[real], even))
+    fits = off < _EXPLAINED_SD
+    misfit = float(np.median(off[fits])) / 0.6745 if fits.any() else np.inf
+    fine, _ = prepared(at, observation, smooth=True)
+    along = np.hypot(fine.radial[real], even)
+    expected = 1 + np.log(2 * np.pi) + 2 * float(np.log(along).mean())
+    return float(fits.mean()), misfit, expected
+
+
+def _largest(block: Float[np.ndarray, "3 3"]) -> float:
+    return float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))

@@ -1,0 +1,150 @@
+"""What registrations read and write: depth images, clouds, transforms and landmarks for 3D Slicer."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image, UnidentifiedImageError
+
+from naris.anatomy.ply import read_ply_points
+from naris.core.anatomy import Anatomy
+from naris.core.pose import Pose
+from naris.errors import InputError
+
+CLOUDS, DEPTHS = (".npy", ".ply", ".txt", ".xyz", ".csv"), (".npy", ".png", ".tif", ".tiff")
+_MOST_BYTES = 1 << 30
+_MOST_PIXELS = 64_000_000
+
+
+def read_cloud(path: Path) -> Float[np.ndarray, "n 3"]:
+    """The points (N, 3) of a cloud: the vertices of a PLY, three numbers a line of text, or a numpy array.
+
+    Raises:
+        InputError: if there is no such file, or it holds no points.
+    """
+    content = _content(path, CLOUDS, "a cloud")
+    try:
+        if path.suffix.lower() == ".npy":
+            points = np.load(io.BytesIO(content), allow_pickle=False)
+        elif path.suffix.lower() == ".ply":
+            points = read_ply_points(path, content)
+        else:
+            text = content.decode("utf-8", "strict").replace(",", " ")
+            points = np.array([[float(word) for word in line.split()[:3]] for line in _lines(text)])
+    except (ValueError, UnicodeDecodeError, EOFError) as error:
+        raise InputError(
+            f"points in {path.name}", f"something else ({error})", "give three numbers a line, a PLY or a .npy (N, 3)"
+        ) from error
+    if points.ndim != 2 or points.shape[1] < 3 or not np.issubdtype(points.dtype, np.number):
+        raise InputError(f"points (N, 3) in {path.name}", f"an array of shape {points.shape}", "give x, y and z")
+    return np.asarray(points[:, :3], dtype=np.float64)
+
+
+def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:
+    """Z-depth in mm: a 16-bit picture, each step `unit_mm`, or a numpy array in units of `unit_mm`; 0 or NaN unknown.
+
+    Raises:
+        InputError: if there is no such file, or it is no depth image.
+    """
+    content = _content(path, DEPTHS, "a depth image")
+    if path.suffix.lower() == ".npy":
+        try:
+            depth = np.load(io.BytesIO(content), allow_pickle=False)
+        except (ValueError, EOFError) as error:
+            raise InputError(f"a numpy array in {path.name}", f"something else ({error})", "save it again") from error
+    else:
+        depth = _picture(path, content)
+    if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.number):
+        raise InputError(f"a depth image (H, W) in {path.name}", f"an array of shape {depth.shape}", "give one channel")
+    if not depth.size or np.nanmax(np.where(np.isfinite(depth), depth, 0)) <= 0:
+        raise InputError(f"some depth above 0 in {path.name}", "none", "check the file")
+    return np.asarray(depth, dtype=np.float64) * unit_mm
+
+
+def slicer_transform(anatomy_T_camera: Pose) -> str:
+    """An ITK transform file that puts things of the camera where they are, in 3D Slicer.
+
+    Such a file tells a resampling, from the world to the thing; so it holds the inverse of the pose, and Slicer shows
+    the inverse of what the file holds. Both frames count as LPS; Slicer converts to RAS.
+
+    Raises:
+        InputError: if the anatomy is not in LPS.
+    """
+    if anatomy_T_camera.target != "LPS":
+        raise InputError(
+            "an anatomy in LPS for a transform of 3D Slicer",
+            f"one in the frame {anatomy_T_camera.target}",
+            "use the matrix in the JSON",
+        )
+    camera_T_anatomy = anatomy_T_camera.inverse().matrix
+    numbers = [*camera_T_anatomy[:3, :3].ravel(), *camera_T_anatomy[:3, 3]]
+    return (
+        "#Insight Transform File V1.0\n#Transform 0\nTransform: AffineTransform_double_3_3\n"
+        f"Parameters: {' '.join(f'{x:.17g}' for x in numbers)}\nFixedParameters: 0 0 0\n"
+    )
+
+
+def slicer_landmarks(anatomy: Anatomy, anatomy_T_camera: Pose | None) -> dict[str, Any]:
+    """Markups of 3D Slicer: the landmarks of the anatomy, and the camera with a point 10 mm ahead of it."""
+    points = dict(anatomy.landmarks_mm)
+    if anatomy_T_camera is not None:
+        points["camera"] = anatomy_T_camera.position_mm
+        points["10 mm ahead of the camera"] = anatomy_T_camera.position_mm + 10.0 * anatomy_T_camera.forward
+    return {
+        "@schema": "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
+        "markups-schema-v1.0.3.json#",
+        "markups": [
+            {
+                "type": "Fiducial",
+                "coordinateSystem": "LPS",
+                "coordinateUnits": "mm",
+                "controlPoints": [
+                    {
+                        "id": str(number),
+                        "label": name,
+                        "position": [float(x) for x in point],
+                        "positionStatus": "defined",
+                    }
+                    for number, (name, point) in enumerate(points.items(), 1)
+                ],
+            }
+        ],
+    }
+
+
+def _content(path: Path, suffixes: tuple[str, ...], what: str) -> bytes:
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{what} as {', '.join(suffixes)}", path.name, "convert it")
+    if not path.is_file():
+        raise InputError(f"{what} at {path}", "a folder" if path.is_dir() else "no such file", "check the path")
+    if path.stat().st_size > _MOST_BYTES:
+        raise InputError(f"{what} of at most 1 GB", f"{path.stat().st_size / 1e9:.1f} GB", "thin it out")
+    return path.read_bytes()
+
+
+def _lines(text: str) -> list[str]:
+    return [line for line in text.splitlines() if line.strip() and line.lstrip()[0] not in "#xX"]
+
+
+def _picture(path: Path, content: bytes) -> np.ndarray:
+    try:
+        with Image.open(io.BytesIO(content), formats=("PNG", "TIFF")) as picture:
+            if picture.width * picture.height > _MOST_PIXELS:
+                raise InputError(
+                    f"a depth image of at most {_MOST_PIXELS:,} pixels",
+                    f"{picture.width}×{picture.height}",
+                    "resize it",
+                )
+            if not picture.mode.startswith(("I", "F")):
+                raise InputError(
+                    f"16 bits a pixel in {path.name}",
+                    f"a picture of the mode {picture.mode}",
+                    "save depth, not colours",
+                )
+            return np.array(picture)
+    except (UnidentifiedImageError, OSError, SyntaxError) as error:
+        raise InputError(f"a depth image in {path.name}", "a damaged or other file", "save it again") from error

@@ -1,0 +1,468 @@
+# ruff: noqa: ANN001, ANN201, ANN202, PLR0913
+# mypy: ignore-errors
+"""The compiled code of registration: rays against the anatomy, the equations of a step, damped Gauss–Newton.
+
+A pose is `anatomy_T_rig` (4, 4); a step is a twist (translation in mm, rotation vector in rad) in the rig, applied from
+the right. After it come, where they are free, the logarithm of the scale and the coefficients of the smooth error. Only
+the lower triangle of a matrix of normal equations is filled.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from naris.anatomy.kernels import value_at
+from naris.render.lanes import LANES, load, store
+from naris.render.packets import Packet, begin_frame, found, intersect
+
+MOST_UNKNOWNS = 64
+RANGES, ON_RAY, NEAREST = 0, 1, 2
+_POSE = 6
+_LEAST_COSINE = 0.05
+_LONGEST_MM, _LONGEST_RAD = 2.0, 0.3
+_MOST_SCALE = 0.3
+_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-5, 1e4
+_STILL, _STILL_MM, _STILL_RAD = 1e-4, 0.02, 0.002
+_OUTSIDE = 100.0
+_NO_WALL = 0.1
+_ROOT = 0.3989422804014327  # 1/√(2π)
+
+_njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
+_part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
+_inline_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, forceinline=True)
+_raw_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False)
+
+
+class Rays(NamedTuple):
+    """What was seen, in blocks of sixteen rays with one origin a block; lengths in the unit of the observation.
+
+    Attributes:
+        x, y, z: (N,) unit direction in the rig.
+        valid: (N,) −1 where there is a ray, else 0; aligned to 64 bytes.
+        origin: (N / 16, 3) in the rig.
+        range: (N,) along the ray.
+        radial, isotropic: (N,) standard deviations of the error along the ray and in every direction.
+        field: (N, K) functions whose sum makes the smooth relative error of the ranges.
+        prior: (K,) precision of their coefficients.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    valid: np.ndarray
+    origin: np.ndarray
+    range: np.ndarray
+    radial: np.ndarray
+    isotropic: np.ndarray
+    field: np.ndarray
+    prior: np.ndarray
+
+
+class Model(NamedTuple):
+    """How likely it is to be seen.
+
+    Attributes:
+        plane: `RANGES` to compare logarithms of ranges, `ON_RAY` to compare points with the plane of the wall that
+            their ray meets, `NEAREST` with the wall that they lie nearest to.
+        outliers: the share of rays that tell nothing.
+        reach: outliers lie anywhere up to here, in the unit of the observation.
+        free: 1 where the scale is unknown, else 0.
+        log_scale, precision: what is known of its logarithm.
+        log_low, log_high: where it may lie.
+        inside: the side of a wall that is seen from the lumen, as `found` tells it.
+        smooth: how many functions of the smooth error are in use.
+        distance, corner, spacing: the signed distance grid of the anatomy, its first node and the step (mm).
+    """
+
+    plane: int
+    outliers: float
+    reach: float
+    free: int
+    log_scale: float
+    precision: float
+    log_low: float
+    log_high: float
+    inside: float
+    smooth: int
+    distance: np.ndarray
+    corner: np.ndarray
+    spacing: float
+
+
+class Memory(NamedTuple):
+    """What one thread needs: rays in flight, and what N of them met.
+
+    Attributes:
+        ray: (3, N) direction in the anatomy.
+        hit: (N,) distance to the wall, times the side that is seen.
+        normal: (3, N) of the wall, towards the camera; 0 where no wall is.
+    """
+
+    packet: Packet
+    ray: np.ndarray
+    hit: np.ndarray
+    normal: np.ndarray
+
+
+@_raw_njit
+def cast(embree, rays, pose, scale, memory):
+    """What the rays meet from a pose, left in `memory`."""
+    n = len(rays.x)
+    for block in range(n // LANES):
+        at = block * LANES
+        ox, oy, oz = scale * rays.origin[block, 0], scale * rays.origin[block, 1], scale * rays.origin[block, 2]
+        px = np.float32(pose[0, 0] * ox + pose[0, 1] * oy + pose[0, 2] * oz + pose[0, 3])
+        py = np.float32(pose[1, 0] * ox + pose[1, 1] * oy + pose[1, 2] * oz + pose[1, 3])
+        pz = np.float32(pose[2, 0] * ox + pose[2, 1] * oy + pose[2, 2] * oz + pose[2, 3])
+        begin_frame(memory.packet, (px, py, pz))
+        x, y, z = load(rays.x, at), load(rays.y, at), load(rays.z, at)
+        r0 = np.float32(pose[0, 0]) * x + np.float32(pose[0, 1]) * y + np.float32(pose[0, 2]) * z
+        r1 = np.float32(pose[1, 0]) * x + np.float32(pose[1, 1]) * y + np.float32(pose[1, 2]) * z
+        r2 = np.float32(pose[2, 0]) * x + np.float32(pose[2, 1]) * y + np.float32(pose[2, 2]) * z
+        intersect(embree, memory.packet, rays.valid, at, (r0, r1, r2))
+        _seen, distance, _face, _u, _v, normal, side = found(memory.packet, rays.valid, at, (r0, r1, r2))
+        store(memory.hit, at, distance * side)
+        store(memory.ray, at, r0)
+        store(memory.ray, n + at, r1)
+        store(memory.ray, 2 * n + at, r2)
+        store(memory.normal, at, normal[0])
+        store(memory.normal, n + at, normal[1])
+        store(memory.normal, 2 * n + at, normal[2])
+
+
+@_part_njit
+def _nearest_wall(rays, at, scale, model, pose, wall):
+    """The wall that a point lies nearest to, instead of the one that its ray meets.
+
+    A point that is off in every direction may have left the ray that it was seen along. Behind that ray's wall, in
+    other air, nothing can be seen: there the ray's own wall stays.
+    """
+    ox, oy, oz, t = wall[5], wall[6], wall[7], wall[4]
+    r = rays.range[at] * scale
+    px, py, pz = ox + r * rays.x[at], oy + r * rays.y[at], oz + r * rays.z[at]
+    x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
+    y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
+    z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
+    values, corner, spacing = model.distance, model.corner, model.spacing
+    off = value_at(x, y, z, values, corner, spacing)
+    if r > t and off > 0.0:
+        return False, 0.0, 0.0, 0.0, 0.0
+    h = 0.5 * spacing
+    gx = (value_at(x + h, y, z, values, corner, spacing) - value_at(x - h, y, z, values, corner, spacing)) / spacing
+    gy = (value_at(x, y + h, z, values, corner, spacing) - value_at(x, y - h, z, values, corner, spacing)) / spacing
+    gz = (value_at(x, y, z + h, values, corner, spacing) - value_at(x, y, z - h, values, corner, spacing)) / spacing
+    mx = pose[0, 0] * gx + pose[1, 0] * gy + pose[2, 0] * gz
+    my = pose[0, 1] * gx + pose[1, 1] * gy + pose[2, 1] * gz
+    mz = pose[0, 2] * gx + pose[1, 2] * gy + pose[2, 2] * gz
+    return True, off, mx, my, mz
+
+
+@_inline_njit
+def _by_plane(rays, at, scale, wall, smooth_error):
+    """The way of a point to the plane of the wall that its ray meets.
+
+    Gives the residual (mm), its deviation, the deviation along the ray in the unit of the observation, the point in the
+    rig that turns with it, the factor of the pose's derivative, and the derivatives by log scale and smooth error.
+    """
+    mx, my, mz, cosine, t, ox, oy, oz = wall
+    r = rays.range[at] * scale
+    radial, even = rays.radial[at] * scale, rays.isotropic[at] * scale
+    inward = max(cosine * cosine, _LEAST_COSINE * _LEAST_COSINE)
+    deviation = np.sqrt(inward * radial * radial + even * even)
+    px, py, pz = ox + r * rays.x[at], oy + r * rays.y[at], oz + r * rays.z[at]
+    error = (r * (1.0 - smooth_error) - t) * cosine
+    along, by_scale = deviation / np.sqrt(inward) / scale, mx * px + my * py + mz * pz
+    return error, deviation, along, px, py, pz, 1.0, by_scale, -cosine * r
+
+
+@_inline_njit
+def _by_range(rays, at, scale, wall, smooth_error):
+    """The logarithm of the ratio of a range to that of the wall; what it gives is as that of `_by_plane`.
+
+    A scale that is free is not drawn towards small clouds by it, as it is by residuals in mm.
+    """
+    mx, my, mz, cosine, t, ox, oy, oz = wall
+    cosine = min(cosine, -_LEAST_COSINE)
+    r = rays.range[at]
+    radial, even = rays.radial[at] / r, rays.isotropic[at] / (r * cosine)
+    deviation = np.sqrt(radial * radial + even * even)
+    px, py, pz = ox + t * rays.x[at], oy + t * rays.y[at], oz + t * rays.z[at]
+    factor = 1.0 / (t * cosine)
+    by_scale = 1.0 + (mx * ox + my * oy + mz * oz) * factor
+    return np.log(r * scale / t) - smooth_error, deviation, deviation * r, px, py, pz, factor, by_scale, -1.0
+
+
+@_inline_njit
+def _equation(rays, model, pose, scale, smooth, memory, at, row):
+    """The residual of a ray that meets a wall, its deviation, that along the ray, and, in `row`, the derivatives."""
+    nx, ny, nz = memory.normal[0, at], memory.normal[1, at], memory.normal[2, at]
+    mx = pose[0, 0] * nx + pose[1, 0] * ny + pose[2, 0] * nz
+    my = pose[0, 1] * nx + pose[1, 1] * ny + pose[2, 1] * nz
+    mz = pose[0, 2] * nx + pose[1, 2] * ny + pose[2, 2] * nz
+    cosine = mx * rays.x[at] + my * rays.y[at] + mz * rays.z[at]
+    origin = at // LANES
+    ox, oy, oz = scale * rays.origin[origin, 0], scale * rays.origin[origin, 1], scale * rays.origin[origin, 2]
+    smooth_error = 0.0
+    for k in range(model.smooth):
+        smooth_error += smooth[k] * rays.field[at, k]
+    wall = (mx, my, mz, cosine, abs(memory.hit[at]), ox, oy, oz)
+    if model.plane == RANGES:
+        e, sd, along, px, py, pz, factor, by_scale, by_smooth = _by_range(rays, at, scale, wall, smooth_error)
+    else:
+        e, sd, along, px, py, pz, factor, by_scale, by_smooth = _by_plane(rays, at, scale, wall, smooth_error)
+        if model.plane == NEAREST:
+            near, off, gx, gy, gz = _nearest_wall(rays, at, scale, model, pose, wall)
+            if near:
+                along *= max(abs(cosine), _LEAST_COSINE)
+                e, mx, my, mz = off, gx, gy, gz
+                cosine = mx * rays.x[at] + my * rays.y[at] + mz * rays.z[at]
+                along /= max(abs(cosine), _LEAST_COSINE)
+    row[0], row[1], row[2] = factor * mx, factor * my, factor * mz
+    row[3], row[4] = factor * (py * mz - pz * my), factor * (pz * mx - px * mz)
+    row[5] = factor * (px * my - py * mx)
+    if model.free:
+        row[_POSE] = by_scale
+    for k in range(model.smooth):
+        row[_POSE + model.free + k] = by_smooth * rays.field[at, k]
+    return e, sd, along
+
+
+@_part_njit
+def linearise(embree, rays, model, pose, log_scale, smooth, width, memory, matrix, right):
+    """The normal equations at a pose, and its cost: −2 log likelihood (and prior) a ray.
+
+    A range is normal about what the wall says, or an outlier (even up to `model.reach`); each ray is weighted by the
+    probability that it is none. `width` widens the normal distribution, which widens the basin.
+    """
+    scale = np.exp(log_scale)
+    cast(embree, rays, pose, scale, memory)
+    unknowns = _POSE + model.free + model.smooth
+    matrix[:unknowns, :unknowns] = 0
+    right[:unknowns] = 0
+    row = np.empty(MOST_UNKNOWNS)
+    cost, count, outside = 0.0, 0, 0
+    even = model.outliers / model.reach
+    for at in range(len(rays.x)):
+        if rays.valid[at] == 0:
+            continue
+        count += 1
+        if memory.hit[at] * model.inside < 0:
+            outside += 1
+        nx, ny, nz = memory.normal[0, at], memory.normal[1, at], memory.normal[2, at]
+        if nx * nx + ny * ny + nz * nz < 0.5:
+            cost -= 2.0 * np.log(_NO_WALL * even)
+            continue
+        e, sd, along = _equation(rays, model, pose, scale, smooth, memory, at, row)
+        sd, along = sd * width, along * width
+        normal = (1.0 - model.outliers) * _ROOT / along * np.exp(-0.5 * (e / sd) ** 2)
+        cost -= 2.0 * np.log(normal + even)
+        weight = normal / ((normal + even) * sd * sd)
+        for i in range(unknowns):
+            q = weight * row[i]
+            right[i] -= q * e
+            for j in range(i + 1):
+                matrix[i, j] += q * row[j]
+    cost += _priors(rays, model, log_scale, smooth, matrix, right)
+    if 2 * outside > count or (model.free and not model.log_low <= log_scale <= model.log_high):
+        cost += _OUTSIDE * count
+    return cost / max(count, 1)
+
+
+@_part_njit
+def _priors(rays, model, log_scale, smooth, matrix, right):
+    """Adds what is known beforehand of the scale and the smooth error."""
+    cost, first = 0.0, _POSE + model.free
+    if model.free:
+        off = model.log_scale - log_scale
+        matrix[_POSE, _POSE] += model.precision
+        right[_POSE] += model.precision * off
+        cost += model.precision * off * off
+    for k in range(model.smooth):
+        matrix[first + k, first + k] += rays.prior[k]
+        right[first + k] -= rays.prior[k] * smooth[k]
+        cost += rays.prior[k] * smooth[k] * smooth[k]
+    return cost
+
+
+@_part_njit
+def _solve(matrix, right, n):
+    """Solves the normal equations in place, by Cholesky; `right` becomes the solution."""
+    for i in range(n):
+        for j in range(i + 1):
+            q = matrix[i, j]
+            for k in range(j):
+                q -= matrix[i, k] * matrix[j, k]
+            if i == j:
+                matrix[i, i] = np.sqrt(max(q, 1e-12))
+            else:
+                matrix[i, j] = q / matrix[j, j]
+    for i in range(n):
+        q = right[i]
+        for k in range(i):
+            q -= matrix[i, k] * right[k]
+        right[i] = q / matrix[i, i]
+    for i in range(n - 1, -1, -1):
+        q = right[i]
+        for k in range(i + 1, n):
+            q -= matrix[k, i] * right[k]
+        right[i] = q / matrix[i, i]
+
+
+@_part_njit
+def _move(pose, step):
+    """Applies a twist from the right: the translation in the rig, then Rodrigues' rotation."""
+    wx, wy, wz = step[3], step[4], step[5]
+    angle2 = wx * wx + wy * wy + wz * wz
+    if angle2 < 1e-18:
+        a, b = 1.0, 0.5
+    else:
+        angle = np.sqrt(angle2)
+        a, b = np.sin(angle) / angle, (1 - np.cos(angle)) / angle2
+    turn = np.empty((3, 3))
+    turn[0, 0], turn[0, 1], turn[0, 2] = 1 - b * (wy * wy + wz * wz), b * wx * wy - a * wz, b * wx * wz + a * wy
+    turn[1, 0], turn[1, 1], turn[1, 2] = b * wx * wy + a * wz, 1 - b * (wx * wx + wz * wz), b * wy * wz - a * wx
+    turn[2, 0], turn[2, 1], turn[2, 2] = b * wx * wz - a * wy, b * wy * wz + a * wx, 1 - b * (wx * wx + wy * wy)
+    for i in range(3):
+        x, y, z = pose[i, 0], pose[i, 1], pose[i, 2]
+        pose[i, 3] += x * step[0] + y * step[1] + z * step[2]
+        for j in range(3):
+            pose[i, j] = x * turn[0, j] + y * turn[1, j] + z * turn[2, j]
+
+
+@_part_njit
+def _fit_smooth(embree, rays, model, pose, log_scale, smooth, rounds, memory, matrix, right):
+    """The smooth error that suits a pose, the pose kept: else the first step blames the pose for it."""
+    first, n = _POSE + model.free, model.smooth
+    part, change = np.empty((n, n)), np.empty(n)
+    for _ in range(rounds):
+        linearise(embree, rays, model, pose, log_scale, smooth, 1.0, memory, matrix, right)
+        for i in range(n):
+            for j in range(i + 1):
+                part[i, j] = matrix[first + i, first + j]
+            change[i] = right[first + i]
+        _solve(part, change, n)
+        for i in range(n):
+            smooth[i] += change[i]
+
+
+@_njit
+def solve(embree, rays, model, poses, log_scales, smooth, widths, steps, memory, first, last, costs):
+    """Levenberg–Marquardt from poses[first] … poses[last − 1], which become where it ends.
+
+    A step is taken only if the cost falls, for the equations of a grazing wall promise more than they keep. Stage k
+    takes at most steps[k] trials at the width widths[k].
+    """
+    matrix, right = np.empty((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.empty(MOST_UNKNOWNS)
+    matrix_there, right_there = np.empty((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.empty(MOST_UNKNOWNS)
+    damped, step = np.empty((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.empty(MOST_UNKNOWNS)
+    there, smooth_there = np.empty((4, 4)), np.empty(MOST_UNKNOWNS)
+    n = _POSE + model.free + model.smooth
+    for i in range(first, last):
+        pose, log_scale, damping, cost = poses[i], log_scales[i], _DAMPING, 0.0
+        if model.smooth:
+            _fit_smooth(embree, rays, model, pose, log_scale, smooth[i], 2, memory, matrix, right)
+        for stage in range(len(widths)):
+            width = widths[stage]
+            cost = linearise(embree, rays, model, pose, log_scale, smooth[i], width, memory, matrix, right)
+            for _ in range(steps[stage]):
+                moved_mm, moved_rad = _step(matrix, right, damping, n, damped, step)
+                there[:] = pose
+                _move(there, step)
+                scale_there = log_scale
+                if model.free:
+                    scale_there += min(max(step[_POSE], -_MOST_SCALE), _MOST_SCALE)
+                for k in range(model.smooth):
+                    smooth_there[k] = smooth[i, k] + step[_POSE + model.free + k]
+                cost_there = linearise(
+                    embree, rays, model, there, scale_there, smooth_there, width, memory, matrix_there, right_there
+                )
+                if cost_there < cost:
+                    gain, cost, log_scale = cost - cost_there, cost_there, scale_there
+                    pose[:] = there
+                    for k in range(model.smooth):
+                        smooth[i, k] = smooth_there[k]
+                    matrix[:n, :n], right[:n] = matrix_there[:n, :n], right_there[:n]
+                    damping = max(damping * 0.3, _LEAST_DAMPING)
+                    if gain < _STILL and moved_mm < _STILL_MM and moved_rad < _STILL_RAD:
+                        break
+                else:
+                    damping *= 6.0
+                    if damping > _MOST_DAMPING:
+                        break
+            damping = max(min(damping, 1.0), 1e-3)
+        log_scales[i], costs[i] = log_scale, cost
+
+
+@_part_njit
+def _step(matrix, right, damping, n, damped, step):
+    """A damped step, no longer than the basin; gives the lengths of its two parts."""
+    for i in range(n):
+        for j in range(i + 1):
+            damped[i, j] = matrix[i, j]
+        damped[i, i] = matrix[i, i] * (1 + damping) + 1e-9
+        step[i] = right[i]
+    _solve(damped, step, n)
+    moved_mm = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+    moved_rad = np.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
+    shorter = min(1.0, _LONGEST_MM / max(moved_mm, 1e-9), _LONGEST_RAD / max(moved_rad, 1e-9))
+    for i in range(n):
+        step[i] *= shorter
+    return moved_mm, moved_rad
+
+
+@_njit
+def judge(embree, rays, model, poses, log_scales, smooth, memory, costs, matrices):
+    """The cost of each pose as it is, and the whole matrix of its normal equations."""
+    matrix, right = np.empty((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.empty(MOST_UNKNOWNS)
+    n = _POSE + model.free + model.smooth
+    for i in range(len(poses)):
+        costs[i] = linearise(embree, rays, model, poses[i], log_scales[i], smooth[i], 1.0, memory, matrix, right)
+        for a in range(n):
+            for b in range(a + 1):
+                matrices[i, a, b] = matrix[a, b]
+                matrices[i, b, a] = matrix[a, b]
+
+
+@_njit
+def compare(panoramas, seen, texels, free, cap, shifts, first, last, best, turn, shift):
+    """How well ranges fit what is seen from places first … last − 1, turned every way; the best few of each place.
+
+    Args:
+        panoramas: (P, T) uint8 logarithms of ranges.
+        seen: (M,) those of the observation.
+        texels: (R, M) where each ray looks after each turn.
+        free: 1 to take off the mean difference, within `shifts`.
+        cap: of each difference.
+        best, turn, shift: (P, few) the sums of differences, rising, and which turn and shift they belong to.
+    """
+    turns, rays = texels.shape
+    few = best.shape[1]
+    for p in range(first, last):
+        row = panoramas[p]
+        for r in range(turns):
+            off = 0
+            if free:
+                total = 0
+                for m in range(rays):
+                    total += seen[m] - np.int32(row[texels[r, m]])
+                off = min(max(total // rays, shifts[0]), shifts[1])
+                total, near = 0, 0
+                for m in range(rays):
+                    d = seen[m] - np.int32(row[texels[r, m]]) - off
+                    if abs(d) < cap:
+                        total += d
+                        near += 1
+                if near:
+                    off = min(max(off + total // near, shifts[0]), shifts[1])
+            total = 0
+            for m in range(rays):
+                total += min(abs(seen[m] - np.int32(row[texels[r, m]]) - off), cap)
+            if total < best[p, few - 1]:
+                k = few - 1
+                while k > 0 and best[p, k - 1] > total:
+                    best[p, k], turn[p, k], shift[p, k] = best[p, k - 1], turn[p, k - 1], shift[p, k - 1]
+                    k -= 1
+                best[p, k], turn[p, k], shift[p, k] = total, r, off

@@ -1,0 +1,51 @@
+"""What a registered camera sees beside what it saw: the edges of walls that the pose puts into the picture."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from naris.core.camera import Intrinsics
+from naris.core.pose import Pose
+from naris.render.scene import Scene, render
+
+_STEP = 0.12
+"""Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
+_EDGE_RGB = (60, 255, 120)
+_FAR_SHARE = 0.98
+
+
+def seen_from(
+    scene: Scene, pose: Pose, intrinsics: Intrinsics
+) -> tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+    """The picture and the z-depth (mm, 0 where none) of a camera there."""
+    found = render(scene, pose, intrinsics, want=("rgb", "depth"))
+    empty = np.zeros((1, intrinsics.height, intrinsics.width))
+    rgb = found.rgb if found.rgb is not None else np.repeat(empty[..., None], 3, -1).astype(np.uint8)
+    depth = found.depth_mm if found.depth_mm is not None else empty
+    return rgb[0], np.asarray(depth[0], dtype=np.float64)
+
+
+def edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels where the depth jumps to the right or below."""
+    log = np.log(np.maximum(depth, 1e-3))
+    jump = np.zeros(depth.shape, dtype=bool)
+    jump[:, :-1] |= np.abs(np.diff(log, axis=1)) > _STEP
+    jump[:-1] |= np.abs(np.diff(log, axis=0)) > _STEP
+    return jump & (depth > 0)
+
+
+def overlay(picture: UInt8[np.ndarray, "h w 3"], depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
+    """The edges of the walls drawn on a picture of the same size."""
+    drawn = picture.copy()
+    drawn[cv2.dilate(edges(depth).astype(np.uint8), np.ones((2, 2), np.uint8)) > 0] = _EDGE_RGB
+    return drawn
+
+
+def shaded(depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
+    """A depth image as colours, near bright: for a picture where there is none."""
+    known = depth[depth > 0]
+    far = float(np.quantile(known, _FAR_SHARE)) if known.size else 1.0
+    grey = np.where(depth > 0, 255 * np.clip(1 - depth / far, 0, 1) ** 0.7, 0).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(cv2.applyColorMap(grey, cv2.COLORMAP_MAGMA), cv2.COLOR_BGR2RGB))

@@ -1,0 +1,338 @@
+"""What a camera saw, as ranges along rays with what is known of their errors: depth images, clouds, several views.
+
+Everything lies in one frame, the **rig**: that of the camera for a single view, that of the first camera for several.
+The scale is stated by the caller and never guessed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from naris.core.camera import Intrinsics
+from naris.core.pose import CAMERA, Pose
+from naris.errors import InputError, PoseError
+
+_BLOCKS = 32
+_CONSISTENT = 4.5
+_NEAR_MM, _FAR_MM = 0.05, 1000.0
+_FEWEST = 12
+_FLAT = 0.01  # rad: a view that is thinner leaves the pose loose
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What is known of the size of an observation.
+
+    Attributes:
+        kind: `known` (the observation is in mm), `unknown` (any factor from `low` to `high` makes mm of it), or
+            `prior` (the factor is log-normal about `factor`).
+        factor: mm per unit of the observation, where there is a guess.
+        sd_log: standard deviation of the logarithm of the factor, of a prior.
+        low, high: the factors that an unknown scale is sought between.
+    """
+
+    kind: str = "known"
+    factor: float = 1.0
+    sd_log: float = 0.0
+    low: float = 0.4
+    high: float = 2.5
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("known", "unknown", "prior"):
+            raise InputError("a scale that is known, unknown or prior", repr(self.kind), "name one of the three")
+        fits = (
+            0 < self.low < self.high < np.inf
+            and 0 < self.factor < np.inf
+            and (self.sd_log > 0) == (self.kind == "prior")
+        )
+        if not fits:
+            raise InputError(
+                "positive factors, low below high, and a deviation for a prior only", f"{self}", "correct the scale"
+            )
+
+    @property
+    def free(self) -> bool:
+        return self.kind != "known"
+
+
+KNOWN, UNKNOWN = Scale(), Scale("unknown")
+
+
+@dataclass(frozen=True)
+class DepthNoise:
+    """How wrong a depth image is.
+
+    Attributes:
+        smooth: standard deviation of a relative error that varies smoothly over the picture.
+        reach_deg: how far it stays alike: the angle at which its correlation has fallen to exp(−1/2).
+        pixel_mm: standard deviation along the ray of an error of each pixel by itself, in the unit of the depth.
+        outliers: the share of pixels that tell nothing.
+    """
+
+    smooth: float = 0.05
+    reach_deg: float = 9.3
+    pixel_mm: float = 0.3
+    outliers: float = 0.02
+
+    def __post_init__(self) -> None:
+        sizes = 0 <= self.smooth < np.inf and 0 <= self.pixel_mm < np.inf and 0 < self.reach_deg < np.inf
+        if not sizes or not 0 < self.outliers < 1:
+            raise InputError(
+                "errors from 0 up, a reach above 0 and a share of outliers between 0 and 1", f"{self}", "correct them"
+            )
+
+
+@dataclass(frozen=True)
+class PointNoise:
+    """How wrong the points of a cloud are: the same in every direction, but for outliers."""
+
+    sd_mm: float = 0.5
+    outliers: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not 0 < self.sd_mm < np.inf or not 0 < self.outliers < 1:
+            raise InputError(
+                "a deviation above 0 and a share of outliers between 0 and 1", f"{self}", "correct the noise"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Ranges along rays. Make it with `from_depth`, `from_points` or `together`.
+
+    Attributes:
+        origins: (N, 3) where each ray begins in the rig, in the unit of the observation.
+        directions: (N, 3) unit, in the rig.
+        ranges: (N,) along the rays, in the unit of the observation.
+        radial, isotropic: (N,) standard deviations along the ray and in every direction.
+        view: (N,) the camera of each ray, rising from 0; within a view, neighbouring rays follow each other.
+        outliers: the share that tells nothing.
+        smooth, reach_deg: of the smooth relative error, as in `DepthNoise`; 0 for none.
+        scale: what is known of the unit.
+    """
+
+    origins: Float[np.ndarray, "n 3"]
+    directions: Float[np.ndarray, "n 3"]
+    ranges: Float[np.ndarray, "n"]
+    radial: Float[np.ndarray, "n"]
+    isotropic: Float[np.ndarray, "n"]
+    view: Int[np.ndarray, "n"]
+    outliers: float
+    smooth: float = 0.0
+    reach_deg: float = 9.3
+    scale: Scale = KNOWN
+
+    def __len__(self) -> int:
+        return len(self.ranges)
+
+    @property
+    def views(self) -> int:
+        return int(self.view[-1]) + 1
+
+    def some(self, most: int) -> Observation:
+        """At most so many of its rays, evenly chosen of each view."""
+        if len(self) <= most:
+            return self
+        chosen = _evenly(self.view, most)
+        parts: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _ARRAYS}
+        return replace(self, **parts)
+
+
+_ARRAYS = ("origins", "directions", "ranges", "radial", "isotropic", "view")
+
+
+def from_depth(
+    depth: Float[np.ndarray, "..."],
+    intrinsics: Intrinsics,
+    noise: DepthNoise = DepthNoise(),
+    scale: Scale = KNOWN,
+) -> Observation:
+    """A depth image (H, W) (z-depth, 0 or NaN where it is not known), in blocks of pixels.
+
+    Where the pixels of a block agree, their mean stands for them, with so much less noise; across an edge one pixel
+    does.
+
+    Raises:
+        InputError: if the shape is not that of the intrinsics, or too little of it can be used.
+    """
+    depth = np.asarray(depth, dtype=np.float64)
+    if depth.shape != (intrinsics.height, intrinsics.width):
+        raise InputError(
+            f"a depth image of {intrinsics.height} × {intrinsics.width} pixels to match the intrinsics",
+            " × ".join(map(str, depth.shape)),
+            "resize one of them",
+        )
+    rays = intrinsics.rays()
+    ahead = np.where(np.isfinite(rays[..., 2]), rays[..., 2], 0.0)
+    ranges = np.where((depth > 0) & np.isfinite(depth) & (ahead > 1e-3), depth / np.maximum(ahead, 1e-3), np.nan)
+    return from_ranges(ranges, np.nan_to_num(rays), noise, scale)
+
+
+def from_ranges(
+    ranges: Float[np.ndarray, "h w"],
+    rays: Float[np.ndarray, "h w 3"],
+    noise: DepthNoise = DepthNoise(),
+    scale: Scale = KNOWN,
+) -> Observation:
+    """As `from_depth`, of distances along unit rays (NaN where not known)."""
+    size = max(-(-max(ranges.shape) // _BLOCKS), 1)
+    blocks, ways = _in_blocks(ranges, size), _in_blocks(rays, size)
+    known = np.isfinite(blocks).sum(axis=1)
+    blocks, ways, known = (each[known > 0] for each in (blocks, ways, known))
+    if not len(blocks):
+        raise InputError("a depth image with some depth", "none above 0", "check the image and its scale")
+    middle, spread = np.nanmedian(blocks, axis=1), np.nanmax(blocks, axis=1) - np.nanmin(blocks, axis=1)
+    # Neighbouring pixels of a slanted wall differ too: by about a tenth of the range in a block of a few degrees.
+    agree = spread <= _CONSISTENT * np.hypot(noise.pixel_mm, 0.02 * middle)
+    nearest = np.nanargmin(np.abs(blocks - middle[:, None]), axis=1)
+    row = np.arange(len(blocks))
+    weight = np.isfinite(blocks)[..., None]
+    mean_way = (ways * weight).sum(axis=1)
+    mean_way /= np.maximum(np.linalg.norm(mean_way, axis=1, keepdims=True), 1e-12)
+    r = np.where(agree, np.nanmean(blocks, axis=1), blocks[row, nearest])
+    directions = np.where(agree[:, None], mean_way, ways[row, nearest])
+    pixel = noise.pixel_mm / np.sqrt(np.where(agree, known, 1))
+    return _checked(
+        Observation(
+            origins=np.zeros((len(r), 3)),
+            directions=directions,
+            ranges=r,
+            radial=np.hypot(pixel, 0.12 * noise.smooth * r),
+            isotropic=np.full(len(r), 0.03),
+            view=np.zeros(len(r), np.int64),
+            outliers=noise.outliers,
+            smooth=noise.smooth,
+            reach_deg=noise.reach_deg,
+            scale=scale,
+        )
+    )
+
+
+def from_points(
+    points: Float[np.ndarray, "..."], noise: PointNoise = PointNoise(), scale: Scale = KNOWN
+) -> Observation:
+    """Points (N, 3) that one camera sees, in its frame.
+
+    Raises:
+        InputError: if they are too few, not finite, behind each other on one line, or in another unit than is said.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise InputError("points (N, 3)", f"shape {points.shape}", "give a cloud of points")
+    if not np.isfinite(points).all():
+        bad = int((~np.isfinite(points).all(axis=1)).sum())
+        raise InputError("finite points", f"{bad} of {len(points)} with NaN or infinity", "leave them out")
+    ranges = np.linalg.norm(points, axis=1)
+    sd = noise.sd_mm / scale.factor if scale.kind == "prior" else noise.sd_mm
+    return _checked(
+        Observation(
+            origins=np.zeros_like(points),
+            directions=points / np.maximum(ranges, 1e-12)[:, None],
+            ranges=ranges,
+            radial=np.full(len(points), 1e-3 * sd),
+            isotropic=np.full(len(points), sd),
+            view=np.zeros(len(points), np.int64),
+            outliers=noise.outliers,
+            scale=scale,
+        )
+    )
+
+
+def together(observations: Sequence[Observation], rig_T_camera: Pose) -> Observation:
+    """Several views with known relative poses (V,) as one; their unit and scale are one as well.
+
+    The positions in `rig_T_camera` are in the unit of the observations.
+
+    Raises:
+        PoseError: if there is not one pose from the camera for each observation.
+        InputError: if they differ in scale or smooth error.
+    """
+    if rig_T_camera.shape != (len(observations),) or rig_T_camera.source != CAMERA:
+        raise PoseError(
+            f"one pose rig_T_camera for each of {len(observations)} observations",
+            f"{rig_T_camera.shape} {rig_T_camera.target}_T_{rig_T_camera.source}",
+            "stack them in the order of the observations",
+        )
+    if len({(o.scale, o.smooth, o.reach_deg, o.views) for o in observations}) != 1 or observations[0].views != 1:
+        raise InputError("single views of one scale and one kind of noise", "several", "observe them alike")
+    origins, directions, view = [], [], []
+    for number, (one, rotation, position) in enumerate(
+        zip(observations, rig_T_camera.rotation, rig_T_camera.position_mm, strict=True)
+    ):
+        origins.append(np.broadcast_to(position, (len(one), 3)))
+        directions.append(one.directions @ rotation.T)
+        view.append(np.full(len(one), number))
+    joined: dict[str, Any] = {name: np.concatenate([getattr(o, name) for o in observations]) for name in _ARRAYS[2:5]}
+    return replace(
+        observations[0],
+        origins=np.concatenate(origins),
+        directions=np.concatenate(directions),
+        view=np.concatenate(view),
+        outliers=float(np.mean([o.outliers for o in observations])),
+        **joined,
+    )
+
+
+def _in_blocks(values: Float[np.ndarray, "h w *c"], size: int) -> Float[np.ndarray, "b p *c"]:
+    """Square blocks of pixels, row by row; what a block lacks at the lower and right edge is NaN."""
+    height, width, tail = *values.shape[:2], values.shape[2:]
+    rows, columns = -(-height // size), -(-width // size)
+    whole = np.full((rows * size, columns * size, *tail), np.nan)
+    whole[:height, :width] = values
+    cut = whole.reshape(rows, size, columns, size, *tail).swapaxes(1, 2).reshape(rows * columns, size * size, *tail)
+    return np.nan_to_num(cut) if tail else cut
+
+
+def _evenly(view: Int[np.ndarray, "n"], most: int) -> Int[np.ndarray, "m"]:
+    """Every so many-th ray of each view: they lie along a Morton curve, so no large gap is left."""
+    edges = np.append(np.flatnonzero(np.diff(view, prepend=-1)), len(view))
+    chosen = []
+    for first, last in pairwise(edges.tolist()):
+        count = min(max(round(most * (last - first) / len(view)), 1), last - first)
+        chosen.append(first + np.linspace(0, last - first - 1, count).round().astype(np.int64))
+    return np.concatenate(chosen)
+
+
+def _morton(directions: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, "n"]:
+    """The place of each direction along a curve that fills the view: neighbours on it are neighbours for the rays."""
+    middle = directions.mean(axis=0)
+    _, _, axes = np.linalg.svd(directions - middle, full_matrices=False)
+    flat = (directions - middle) @ axes[:2].T
+    low, size = flat.min(axis=0), np.maximum(np.ptp(flat, axis=0).max(), 1e-12)
+    cell = ((flat - low) / size * 255.999).astype(np.int64)
+    code = np.zeros(len(cell), np.int64)
+    for bit in range(8):
+        code |= ((cell[:, 0] >> bit) & 1) << (2 * bit) | ((cell[:, 1] >> bit) & 1) << (2 * bit + 1)
+    return code
+
+
+def _checked(observation: Observation) -> Observation:
+    """Refuses what cannot tell a pose.
+
+    Raises:
+        InputError: where the rays are too few, look along a line or into a plane, or are in another unit.
+    """
+    n = len(observation)
+    if n < _FEWEST:
+        raise InputError(f"at least {_FEWEST} points", f"{n}", "give more of the frame")
+    # Of directions in one plane the third singular value is 0; of a narrow but round view it is its half-width.
+    if np.linalg.svd(observation.directions, compute_uv=False)[2] < _FLAT * np.sqrt(n):
+        raise InputError(
+            "points all over the view", "points on one line or in one plane with the camera", "give a wider cloud"
+        )
+    scale = observation.scale
+    median = float(np.median(observation.ranges))
+    if scale.kind != "unknown" and not _NEAR_MM <= median * scale.factor <= _FAR_MM:
+        hint = "multiply by 1000 if they are in metres" if median * scale.factor < _NEAR_MM else "check the unit"
+        raise InputError(
+            f"distances of {_NEAR_MM:g} to {_FAR_MM:g} mm", f"a median of {median * scale.factor:.3g}", hint
+        )
+    order = np.argsort(_morton(observation.directions), kind="stable")
+    parts: dict[str, Any] = {name: getattr(observation, name)[order] for name in _ARRAYS}
+    return replace(observation, **parts)

@@ -1,0 +1,139 @@
+"""From observations to what the compiled code reads."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from naris.register.kernels import NEAREST, ON_RAY, RANGES, Memory, Model, Rays
+from naris.register.observation import Observation
+from naris.register.smooth import SmoothError, smooth_error
+from naris.render.fast import aligned
+from naris.render.lanes import LANES
+from naris.render.packets import PACKET_FIELDS, Packet
+
+if TYPE_CHECKING:
+    from naris.register.map import RegistrationMap
+
+MOST_SMOOTH = 54
+_REACH = 3.0  # how far outliers lie, in medians of the ranges
+
+
+def prepared(at: RegistrationMap, observation: Observation, *, smooth: bool) -> tuple[Rays, Model]:
+    """The rays of an observation and how likely they are.
+
+    Args:
+        at: the anatomy.
+        observation: what was seen.
+        smooth: estimate the smooth error with the pose; else it counts as if every ray had its own, and points belong
+            to the wall that their ray meets.
+    """
+    has_field = smooth and observation.smooth > 0
+    radial = observation.radial if has_field else np.hypot(observation.radial, observation.smooth * observation.ranges)
+    field = _fields(observation) if has_field else None
+    rays = rays_of(
+        observation.origins,
+        observation.directions,
+        observation.ranges,
+        radial,
+        observation.isotropic,
+        field,
+        observation.view,
+    )
+    scale = observation.scale
+    plane = not scale.free and bool(observation.isotropic.mean() > observation.radial.mean())
+    model = Model(
+        (NEAREST if smooth else ON_RAY) if plane else RANGES,
+        float(observation.outliers),
+        _REACH * float(np.median(observation.ranges)),
+        int(scale.free),
+        float(np.log(scale.factor)) if scale.kind == "prior" else 0.0,
+        1 / scale.sd_log**2 if scale.kind == "prior" else 0.0,
+        float(np.log(scale.low)) if scale.kind == "unknown" else -np.inf,
+        float(np.log(scale.high)) if scale.kind == "unknown" else np.inf,
+        at.inside,
+        0 if field is None else len(field.precision),
+        at.distance.values_mm,
+        at.distance.origin_mm,
+        at.distance.spacing_mm,
+    )
+    return rays, model
+
+
+def rays_of(
+    origins: Float[np.ndarray, "n 3"],
+    directions: Float[np.ndarray, "n 3"],
+    ranges: Float[np.ndarray, "n"],
+    radial: Float[np.ndarray, "n"],
+    isotropic: Float[np.ndarray, "n"],
+    field: SmoothError | None = None,
+    view: np.ndarray | None = None,
+) -> Rays:
+    """Rays in blocks of sixteen, each of one view and so of one origin."""
+    edges = [0, len(ranges)] if view is None else [*np.flatnonzero(np.diff(view, prepend=-1)).tolist(), len(ranges)]
+    source = np.concatenate([_in_sixteens(first, last) for first, last in pairwise(edges)])
+    real, row = source >= 0, np.maximum(source, 0)
+    valid = aligned(len(source), np.int32)
+    valid[:] = np.where(real, -1, 0)
+
+    def column(values: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(values[row], dtype=np.float32)
+
+    x, y, z = (column(directions[:, k]) for k in range(3))
+    functions = np.zeros((len(ranges), 1)) if field is None else field.functions
+    return Rays(
+        x,
+        y,
+        z,
+        valid,
+        np.ascontiguousarray(origins[row[::LANES]], dtype=np.float64),
+        column(ranges),
+        column(radial),
+        column(isotropic),
+        column(functions),
+        np.ones(1) if field is None else np.ascontiguousarray(field.precision),
+    )
+
+
+def memory_for(rays: Rays) -> Memory:
+    """Working memory for one thread."""
+    wide, narrow = aligned(PACKET_FIELDS * LANES, np.float32), aligned(PACKET_FIELDS * LANES, np.float32)
+    again, part = aligned(LANES, np.int32), aligned(LANES, np.int32)
+    packet = Packet(wide, wide.view(np.int32), narrow, narrow.view(np.int32), again, part)
+    n = len(rays.x)
+    return Memory(packet, np.zeros((3, n), np.float32), np.zeros(n, np.float32), np.zeros((3, n), np.float32))
+
+
+def _in_sixteens(first: int, last: int) -> np.ndarray:
+    """Row numbers, filled up with −1."""
+    count = -(-(last - first) // LANES) * LANES
+    rows = np.arange(first, first + count)
+    return np.where(rows < last, rows, -1)
+
+
+def _fields(observation: Observation) -> SmoothError:
+    """That of each view, side by side."""
+    most = MOST_SMOOTH // observation.views
+    edges = [*np.flatnonzero(np.diff(observation.view, prepend=-1)).tolist(), len(observation)]
+    parts = [
+        _field_of(
+            np.ascontiguousarray(observation.directions[a:b]).tobytes(), observation.smooth, observation.reach_deg, most
+        )
+        for a, b in pairwise(edges)
+    ]
+    functions = np.zeros((len(observation), sum(len(part.precision) for part in parts)))
+    column = 0
+    for part, (a, b) in zip(parts, pairwise(edges), strict=True):
+        functions[a:b, column : column + len(part.precision)] = part.functions
+        column += len(part.precision)
+    return SmoothError(functions, np.concatenate([part.precision for part in parts]))
+
+
+@lru_cache(maxsize=8)
+def _field_of(directions: bytes, sd: float, reach_deg: float, most: int) -> SmoothError:
+    """Kept for the next picture of the same camera."""
+    return smooth_error(np.frombuffer(directions, np.float64).reshape(-1, 3), sd, reach_deg, most)

@@ -1,0 +1,107 @@
+"""The registration: one function from an observation to a pose of the camera in the anatomy, or none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from naris.core.pose import CAMERA, Pose
+from naris.core.results import Registration
+from naris.register.confidence import Evidence, probability
+from naris.register.map import RegistrationMap
+from naris.register.observation import Observation
+from naris.register.solve import Solutions, coarse, different, fine
+from naris.register.starts import NOTHING, Belief, Starts, find_starts
+
+_ALTERNATIVES = 4
+_BASIN_MM, _BASIN_RAD = 2.0, 0.15
+_LEAST_CHANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class RegisterConfig:
+    """How much is tried.
+
+    Attributes:
+        starts: solved coarsely.
+        finalists: solved finely.
+        least_probability: a pose that is less likely than this to be within 2 mm and 5° is refused.
+        seed: of the starts beside believed poses.
+    """
+
+    starts: int = 200
+    finalists: int = 12
+    least_probability: float = 0.8
+    seed: int = 0
+
+
+def register(
+    at: RegistrationMap,
+    observation: Observation,
+    belief: Belief = NOTHING,
+    config: RegisterConfig = RegisterConfig(),
+) -> Registration:
+    """Find `anatomy_T_camera` of the (first) camera that saw this.
+
+    Starts are compared in bulk with what is seen all around places inside the anatomy; the best of them are solved by
+    robust Levenberg–Marquardt against the walls that the rays meet, then the best of those with the smooth error of the
+    depth estimated beside the pose. The most likely wins.
+
+    Args:
+        at: the anatomy (`registration_map`).
+        observation: what was seen.
+        belief: what is known beforehand of region or pose.
+        config: how much is tried.
+
+    Raises:
+        PoseError: if believed poses are in another frame.
+        RegionError: if no believed region has room for a camera.
+    """
+    rng = np.random.default_rng(config.seed)
+    starts = find_starts(at, observation, belief, config.starts, rng)
+    rough = coarse(at, observation, starts)
+    kept = different(rough, config.finalists)
+    solutions = fine(at, observation, Starts(rough.poses[kept], rough.log_scales[kept]))
+    return _chosen(at, observation, _with_belief(solutions, belief), config)
+
+
+def _with_belief(solutions: Solutions, belief: Belief) -> Solutions:
+    """Sorted by what they cost with the chance of their region."""
+    chance = belief.chance(solutions.poses[:, :3, 3])
+    costs = solutions.costs - 2 * np.log(np.maximum(chance, _LEAST_CHANCE)) / solutions.rays
+    order = np.argsort(costs, kind="stable")
+    matrices = None if solutions.matrices is None else solutions.matrices[order]
+    return Solutions(
+        solutions.poses[order], solutions.log_scales[order], costs[order], solutions.rays, solutions.model, matrices
+    )
+
+
+def _chosen(
+    at: RegistrationMap, observation: Observation, solutions: Solutions, config: RegisterConfig
+) -> Registration:
+    basins = different(solutions, _ALTERNATIVES, _BASIN_MM, _BASIN_RAD)
+    poses = Pose(solutions.poses[basins], at.anatomy.frame, CAMERA)
+    covariance = _covariance(solutions, 0)
+    evidence = Evidence.of(at, observation, solutions, basins, covariance)
+    chance = probability(evidence)
+    reason = evidence.refusal(chance, config.least_probability)
+    return Registration(
+        anatomy_T_camera=poses[0] if reason is None else None,
+        best=poses[0],
+        status="registered" if reason is None else "refused",
+        reason=reason,
+        probability=chance,
+        scale=float(np.exp(solutions.log_scales[0])),
+        cost=float(solutions.costs[0]),
+        margin=evidence.margin,
+        covariance=covariance,
+        alternatives=poses[1:],
+    )
+
+
+def _covariance(solutions: Solutions, k: int) -> Float[np.ndarray, "6 6"]:
+    """Of the twist in the camera (mm, rad), scale and smooth error left free: the block of the inverse."""
+    matrix = solutions.matrices[k] if solutions.matrices is not None else np.eye(6)
+    return np.linalg.inv(matrix + 1e-9 * np.eye(len(matrix)))[:6, :6]

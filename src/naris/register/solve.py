@@ -1,0 +1,124 @@
+"""From starts to poses: many at once coarsely, those that differ and promise most finely."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from naris.register.kernels import MOST_UNKNOWNS, Model, Rays, judge, solve
+from naris.register.map import RegistrationMap
+from naris.register.observation import Observation
+from naris.register.rays import memory_for, prepared
+from naris.register.starts import Starts
+from naris.register.threads import spread
+
+COARSE_RAYS = 256
+COARSE_WIDTHS, COARSE_STEPS = (4.0, 1.0), (6, 6)
+FINE_WIDTHS, FINE_STEPS = (1.0,), (15,)
+_COARSE_OUTLIERS = 0.1
+_SAME_MM, _SAME_RAD = 0.5, 0.07
+
+
+@dataclass(frozen=True, eq=False)
+class Solutions:
+    """Where registrations ended, best first.
+
+    Attributes:
+        poses: (N, 4, 4) `anatomy_T_rig`.
+        log_scales: (N,).
+        costs: (N,) −2 log likelihood a ray, prior of the smooth error included.
+        rays: how many rays a cost is the mean of.
+        matrices: (N, U, U) of the normal equations; None where they were not asked for.
+        model: what was estimated.
+    """
+
+    poses: Float[np.ndarray, "n 4 4"]
+    log_scales: Float[np.ndarray, "n"]
+    costs: Float[np.ndarray, "n"]
+    rays: int
+    model: Model
+    matrices: Float[np.ndarray, "n u u"] | None = None
+
+    def __len__(self) -> int:
+        return len(self.costs)
+
+
+def coarse(at: RegistrationMap, observation: Observation, starts: Starts, *, most_rays: int = COARSE_RAYS) -> Solutions:
+    """From all starts on some of the rays, the smooth error counted as noise."""
+    rays, model = prepared(at, observation.some(most_rays), smooth=False)
+    model = model._replace(outliers=max(model.outliers, _COARSE_OUTLIERS))
+    return _solved(at, rays, model, starts, COARSE_WIDTHS, COARSE_STEPS)
+
+
+def fine(at: RegistrationMap, observation: Observation, starts: Starts) -> Solutions:
+    """On all rays, with the smooth error."""
+    rays, model = prepared(at, observation, smooth=True)
+    return _solved(at, rays, model, starts, FINE_WIDTHS, FINE_STEPS, want_matrices=True)
+
+
+def _solved(
+    at: RegistrationMap,
+    rays: Rays,
+    model: Model,
+    starts: Starts,
+    widths: tuple[float, ...],
+    steps: tuple[int, ...],
+    *,
+    want_matrices: bool = False,
+) -> Solutions:
+    n = len(starts.poses)
+    poses, log_scales = starts.poses.copy(), starts.log_scales.astype(np.float64)
+    smooth, costs = np.zeros((n, MOST_UNKNOWNS)), np.zeros(n)
+    unknowns = 6 + model.free + model.smooth
+    matrices = np.zeros((n, unknowns, unknowns)) if want_matrices else None
+
+    def work(first: int, last: int) -> None:
+        memory = memory_for(rays)
+        solve(
+            at.embree,
+            rays,
+            model,
+            poses,
+            log_scales,
+            smooth,
+            np.array(widths),
+            np.array(steps),
+            memory,
+            first,
+            last,
+            costs,
+        )
+        if matrices is not None:
+            part = slice(first, last)
+            judge(
+                at.embree, rays, model, poses[part], log_scales[part], smooth[part], memory, costs[part], matrices[part]
+            )
+
+    spread(work, n, pieces=n if want_matrices else None)
+    order = np.argsort(costs, kind="stable")
+    return Solutions(
+        poses[order],
+        log_scales[order],
+        costs[order],
+        int((rays.valid != 0).sum()),
+        model,
+        None if matrices is None else matrices[order],
+    )
+
+
+def different(
+    solutions: Solutions, most: int, apart_mm: float = _SAME_MM, apart_rad: float = _SAME_RAD
+) -> Int[np.ndarray, "m"]:
+    """The best, none of which is within both distances of a better one."""
+    chosen: list[int] = []
+    for k in range(len(solutions)):
+        pose, others = solutions.poses[k], solutions.poses[chosen]
+        off_mm = np.linalg.norm(others[:, :3, 3] - pose[:3, 3], axis=1)
+        cosine = (np.einsum("nij,ij->n", others[:, :3, :3], pose[:3, :3]) - 1) / 2
+        if not ((off_mm <= apart_mm) & (cosine >= np.cos(apart_rad))).any():
+            chosen.append(k)
+        if len(chosen) == most:
+            break
+    return np.array(chosen, dtype=np.int64)

@@ -1,0 +1,225 @@
+"""Where registrations begin: places and views that fit what was seen, or poses that somebody believes in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from naris.core.anatomy import NOWHERE, RegionSet
+from naris.core.pose import Pose
+from naris.core.results import Prediction
+from naris.errors import InputError, PoseError, RegionError
+from naris.register.directions import rotations, texels
+from naris.register.kernels import compare
+from naris.register.map import TEXELS, RegistrationMap, factor_of, quantised, steps_of
+from naris.register.observation import Observation
+from naris.register.threads import spread
+
+_LOOKED_AT = 49
+_FEW = 3
+_CAP = 24  # steps of `quantised`: a factor of 1.8
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """How a camera may be turned, where nothing else is known.
+
+    Attributes:
+        tilt_deg: it looks within this angle of the way inwards.
+        roll_deg: it is rolled by at most so much from upright; 180 for any roll.
+        apart_deg: between the directions that are tried.
+    """
+
+    tilt_deg: float = 90.0
+    roll_deg: float = 40.0
+    apart_deg: float = 13.0
+
+    def __post_init__(self) -> None:
+        if not (0 < self.tilt_deg <= 180 and 0 <= self.roll_deg <= 180 and 3 <= self.apart_deg <= 45):
+            raise InputError(
+                "a tilt and a roll up to 180° and directions 3 to 45° apart", f"{self}", "correct the orientation"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is believed of the pose before the observation is compared.
+
+    Attributes:
+        regions: a region set of the anatomy; None if nothing is known of the region.
+        chances: by region name, summing to 1.
+        poses: `anatomy_T_camera` (M,) to begin from as well.
+        covariance: (M, 6, 6) of their twists in the camera (mm, rad).
+        orientation: how the camera may be turned, for starts that are no poses.
+        only_poses: begin from the poses alone.
+    """
+
+    regions: RegionSet | None = None
+    chances: Mapping[str, float] = field(default_factory=dict)
+    poses: Pose | None = None
+    covariance: Float[np.ndarray, "m 6 6"] | None = None
+    orientation: Orientation = Orientation()
+    only_poses: bool = False
+
+    def chance(self, places_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Of the region of each place; 1 where nothing is known, 0 in no region."""
+        if self.regions is None:
+            return np.ones(len(places_mm))
+        label = self.regions.label(places_mm)
+        by_label = np.array([*(self.chances.get(name, 0.0) for name in self.regions.names), 0.0])
+        return by_label[np.where(label == NOWHERE, len(by_label) - 1, label)]
+
+
+NOTHING = Belief()
+
+
+def in_region(regions: RegionSet, name: str, orientation: Orientation = Orientation()) -> Belief:
+    """The camera is in that region, somebody says.
+
+    Raises:
+        RegionError: if there is none of that name.
+    """
+    if name not in regions.names:
+        raise RegionError(f"one of the regions {list(regions.names)}", repr(name), "name one of those")
+    return Belief(regions, {name: 1.0}, orientation=orientation)
+
+
+def near(poses: Pose, covariance: Float[np.ndarray, "m 6 6"]) -> Belief:
+    """The camera is at one of those poses, give or take, and nowhere else."""
+    return Belief(poses=poses.reshape(-1), covariance=covariance, only_poses=True)
+
+
+def of_prediction(prediction: Prediction, regions: RegionSet, softness: float = 0.1) -> Belief:
+    """What a localizer believes, softened: no region gets less than its share of `softness`.
+
+    A hard choice of region costs as many registrations as the choice is wrong.
+
+    Raises:
+        RegionError: if the prediction is of other regions.
+    """
+    if tuple(prediction.region_names) != tuple(regions.names):
+        raise RegionError(
+            f"a prediction of the regions {list(regions.names)}",
+            f"one of {list(prediction.region_names)}",
+            "use a model made for this region set",
+        )
+    soft = (1 - softness) * prediction.probabilities + softness / len(regions.names)
+    chances = {name: float(p) for name, p in zip(regions.names, soft / soft.sum(), strict=True)}
+    return Belief(regions, chances, prediction.hypotheses, prediction.covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Poses (N, 4, 4) `anatomy_T_rig`, and the logarithm of the scale at each."""
+
+    poses: Float[np.ndarray, "n 4 4"]
+    log_scales: Float[np.ndarray, "n"]
+
+
+def find_starts(
+    at: RegistrationMap, observation: Observation, belief: Belief, count: int, rng: np.random.Generator
+) -> Starts:
+    """The `count` most promising starts: the poses that are believed in with some beside them, then what fits.
+
+    Raises:
+        PoseError: if the believed poses are in another frame.
+        RegionError: if no place of the anatomy lies in a region of some chance.
+    """
+    given = _beside(at, belief, observation, count if belief.only_poses else count // 3, rng)
+    if belief.only_poses:
+        return given
+    found = _that_fit(at, observation, belief, count - len(given.poses))
+    return Starts(np.concatenate([given.poses, found.poses]), np.concatenate([given.log_scales, found.log_scales]))
+
+
+def _beside(
+    at: RegistrationMap, belief: Belief, observation: Observation, count: int, rng: np.random.Generator
+) -> Starts:
+    """The believed poses, then draws from their covariance, as many of each."""
+    poses = belief.poses
+    if poses is None or not count:
+        return Starts(np.zeros((0, 4, 4)), np.zeros(0))
+    if poses.target != at.anatomy.frame:
+        raise PoseError(f"poses into the frame {at.anatomy.frame}", f"into {poses.target}", "convert them first")
+    m = len(poses)
+    numbers = np.arange(count) % m
+    spread_by = np.tile(np.diag([1.0, 1.0, 1.0, 0.01, 0.01, 0.01]), (m, 1, 1))
+    roots = np.linalg.cholesky((spread_by if belief.covariance is None else belief.covariance) + 1e-9 * np.eye(6))
+    twists = np.einsum("nij,nj->ni", roots[numbers], rng.standard_normal((count, 6)))
+    twists[:m] = 0.0
+    moved = poses[numbers] @ Pose.exp(twists, poses.source, poses.source)
+    scale = observation.scale
+    return Starts(np.array(moved.matrix), np.full(count, np.log(scale.factor)))
+
+
+def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, count: int) -> Starts:
+    """Every place of a region that has a chance, turned every way: what differs least from the observation."""
+    chance = belief.chance(at.places_mm)
+    chosen = np.flatnonzero(chance > 0)
+    if not len(chosen):
+        raise RegionError(
+            f"room for a camera in one of the regions {sorted(belief.chances)}", "none", "name another region"
+        )
+    first_view = observation.view == 0
+    few = _first_view(observation, first_view).some(_LOOKED_AT)
+    turns = _rotations(tuple(at.inward.tolist()), belief.orientation)
+    where = texels((turns @ few.directions.T).transpose(0, 2, 1), TEXELS).astype(np.int32)
+    scale = observation.scale
+    ranges = few.ranges * (scale.factor if scale.kind != "unknown" else 1.0)
+    shifts = _shifts(observation)
+    best = np.full((len(chosen), _FEW), 2**30, np.int32)
+    turn, shift = np.zeros_like(best), np.zeros_like(best)
+    panoramas, seen = at.panoramas[chosen], quantised(ranges).astype(np.int32)
+
+    def work(first: int, last: int) -> None:
+        compare(panoramas, seen, where, int(scale.free), _CAP, shifts, first, last, best, turn, shift)
+
+    spread(work, len(chosen))
+    order = _stratified(best, chance[chosen], count)
+    place, k = order // _FEW, order % _FEW
+    poses = np.tile(np.eye(4), (len(order), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = turns[turn[place, k]], at.places_mm[chosen[place]]
+    log_scales = -factor_of(shift[place, k]) if scale.free else np.zeros(len(order))
+    return Starts(poses, log_scales + (np.log(scale.factor) if scale.kind != "unknown" else 0.0))
+
+
+def _first_view(observation: Observation, rows: np.ndarray) -> Observation:
+    from dataclasses import replace
+
+    parts = {
+        name: getattr(observation, name)[rows]
+        for name in ("origins", "directions", "ranges", "radial", "isotropic", "view")
+    }
+    return replace(observation, **parts)
+
+
+def _shifts(observation: Observation) -> tuple[int, int]:
+    """The range that the scale is sought in, in steps; ranges fall as the factor rises."""
+    scale = observation.scale
+    if scale.kind == "unknown":
+        return -steps_of(scale.high), -steps_of(scale.low)
+    reach = max(steps_of(float(np.exp(2 * scale.sd_log))), 1)
+    return -reach, reach
+
+
+def _stratified(best: Int[np.ndarray, "p f"], chance: Float[np.ndarray, "p"], count: int) -> Int[np.ndarray, "m"]:
+    """Half of them the best of all, for a belief may be wrong; half for each chance as many as it is worth."""
+    flat, weight = best.ravel(), np.repeat(chance, best.shape[1])
+    order = np.argsort(flat, kind="stable")
+    order = order[flat[order] < 2**30]
+    levels = np.unique(chance)
+    if len(levels) == 1:
+        return order[:count]
+    half = count // 2
+    rest = order[half:]
+    worth = {level: max(round(half * level / levels.sum()), 1) for level in levels[::-1]}
+    return np.concatenate([order[:half], *(rest[weight[rest] == level][:most] for level, most in worth.items())])
+
+
+@lru_cache(maxsize=8)
+def _rotations(inward: tuple[float, float, float], orientation: Orientation) -> Float[np.ndarray, "r 3 3"]:
+    return rotations(np.array(inward), orientation.tilt_deg, orientation.roll_deg, orientation.apart_deg)

@@ -1,0 +1,95 @@
+"""Files: what other programs read of ours, by their own readers, and what we read of theirs."""
+
+import json
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+from PIL import Image
+
+from naris.core.pose import CAMERA, Pose
+from naris.errors import InputError, NarisError
+from naris.register.files import read_cloud, read_depth_image, slicer_landmarks, slicer_transform
+
+POSE = Pose.exp(np.array([10.0, -20.0, 30.0, 0.3, -0.8, 1.1]), "LPS", CAMERA)
+
+
+def test_itk_reads_the_transform_as_the_way_from_the_world_to_the_camera(tmp_path):
+    file = tmp_path / "a.tfm"
+    file.write_text(slicer_transform(POSE))
+    read = sitk.ReadTransform(str(file))
+    for point in np.random.default_rng(0).uniform(-9, 9, (5, 3)):
+        np.testing.assert_allclose(read.TransformPoint(POSE.apply(point).tolist()), point, atol=1e-9)
+    np.testing.assert_allclose(read.GetInverse().TransformPoint((0.0, 0.0, 0.0)), POSE.position_mm, atol=1e-9)
+
+
+def test_no_transform_is_made_of_another_frame():
+    with pytest.raises(InputError, match="an anatomy in LPS"):
+        slicer_transform(Pose(POSE.matrix, "mean", CAMERA))
+
+
+def test_the_markups_say_their_frame_and_where_the_camera_is(nose):
+    told = json.loads(json.dumps(slicer_landmarks(nose, POSE)))["markups"][0]
+    assert told["coordinateSystem"] == "LPS"
+    points = {one["label"]: one["position"] for one in told["controlPoints"]}
+    assert set(nose.landmarks_mm) < set(points)
+    np.testing.assert_allclose(points["camera"], POSE.position_mm)
+    ahead = np.array(points["10 mm ahead of the camera"]) - POSE.position_mm
+    np.testing.assert_allclose(ahead, 10 * POSE.forward)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".txt", ".csv", ".xyz", ".ply"])
+def test_a_cloud_is_read_from_any_of_its_formats(tmp_path, suffix):
+    points = np.random.default_rng(1).uniform(-5, 5, (20, 3)).round(3)
+    file = tmp_path / f"cloud{suffix}"
+    if suffix == ".npy":
+        np.save(file, points)
+    elif suffix == ".ply":
+        rows = "\n".join(" ".join(map(str, row)) for row in points)
+        head = "ply\nformat ascii 1.0\nelement vertex 20\nproperty double x\nproperty double y\nproperty double z\n"
+        file.write_text(f"{head}end_header\n{rows}\n")
+    else:
+        separator = "," if suffix == ".csv" else " "
+        file.write_text("x y z\n" + "\n".join(separator.join(map(str, row)) for row in points))
+    np.testing.assert_allclose(read_cloud(file), points, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.txt", b"1 2 3\n4 five 6\n"),
+        ("a.npy", b"\x93NUMPY"),
+        ("a.ply", b"ply\n"),
+        ("a.obj", b""),
+        ("a.xyz", b"\xff\xfe"),
+    ],
+)
+def test_what_is_no_cloud_is_refused_in_a_sentence(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(NarisError, match="expected"):
+        read_cloud(tmp_path / name)
+    with pytest.raises(InputError, match="no such file"):
+        read_cloud(tmp_path / "missing.txt")
+
+
+def test_depth_is_read_in_its_unit(tmp_path):
+    steps = np.random.default_rng(2).integers(0, 4000, (20, 30)).astype(np.uint16)
+    Image.fromarray(steps).save(tmp_path / "d.png")
+    np.save(tmp_path / "d.npy", steps.astype(np.float32) / 200)
+    np.testing.assert_allclose(read_depth_image(tmp_path / "d.png", 0.005), steps / 200, atol=1e-9)
+    np.testing.assert_allclose(read_depth_image(tmp_path / "d.npy", 1.0), steps / 200, atol=1e-5)
+
+
+def test_pictures_that_hold_no_depth_are_refused(tmp_path):
+    Image.fromarray(np.full((20, 30, 3), 90, np.uint8)).save(tmp_path / "rgb.png")
+    with pytest.raises(InputError, match="16 bits"):
+        read_depth_image(tmp_path / "rgb.png", 1.0)
+    (tmp_path / "bad.png").write_bytes(b"\x89PNG\r\n")
+    with pytest.raises(InputError, match="damaged"):
+        read_depth_image(tmp_path / "bad.png", 1.0)
+    np.save(tmp_path / "empty.npy", np.zeros((4, 4)))
+    with pytest.raises(InputError, match="some depth above 0"):
+        read_depth_image(tmp_path / "empty.npy", 1.0)
+    np.save(tmp_path / "cube.npy", np.ones((4, 4, 4)))
+    with pytest.raises(InputError, match="one channel"):
+        read_depth_image(tmp_path / "cube.npy", 1.0)

@@ -1,0 +1,110 @@
+"""What may be observed, what is refused and why, and that nothing of it is moved."""
+
+import numpy as np
+import pytest
+
+from naris.core.camera import Intrinsics
+from naris.core.pose import CAMERA, Pose
+from naris.errors import InputError, PoseError
+from naris.register.observation import UNKNOWN, DepthNoise, PointNoise, Scale, from_depth, from_points, together
+
+CAMERA_OF_TESTS = Intrinsics.from_vertical_fov(64, 48, 60.0)
+
+
+def cloud(n=50, seed=0):
+    return np.random.default_rng(seed).uniform([-4, -4, 6], [4, 4, 12], (n, 3))
+
+
+def test_a_plane_across_is_seen_at_its_depth():
+    seen = from_depth(np.full((48, 64), 7.0), CAMERA_OF_TESTS, DepthNoise(pixel_mm=0.2))
+    np.testing.assert_allclose(seen.ranges * seen.directions[:, 2], 7.0, rtol=2e-3)
+    assert len(seen) == 32 * 24
+    np.testing.assert_allclose(np.linalg.norm(seen.directions, axis=1), 1.0)
+
+
+def test_the_mean_of_a_block_has_less_noise_and_an_edge_is_not_blurred():
+    depth = np.full((48, 64), 5.0)
+    depth[:, 33:] = 20.0  # within a block: pixels 32 and 33 share it
+    seen = from_depth(depth, CAMERA_OF_TESTS, DepthNoise(smooth=0.0, pixel_mm=0.2))
+    z = seen.ranges * seen.directions[:, 2]
+    assert np.minimum(np.abs(z - 5), np.abs(z - 20)).max() < 0.05
+    assert np.isclose(seen.radial, 0.1).sum() > 600 and np.isclose(seen.radial, 0.2).sum() == 24
+
+
+def test_pixels_without_depth_are_left_out():
+    depth = np.full((48, 64), 7.0)
+    depth[:24], depth[:, :10] = 0.0, np.nan
+    seen = from_depth(depth, CAMERA_OF_TESTS)
+    assert len(seen) == 12 * 27
+    assert (seen.directions[:, 1] > 0).all()
+
+
+def test_points_are_kept_in_another_order():
+    points = cloud()
+    seen = from_points(points)
+    back = seen.directions * seen.ranges[:, None]
+    np.testing.assert_allclose(back[np.lexsort(back.T)], points[np.lexsort(points.T)], atol=1e-12)
+    few = seen.some(20)
+    assert len(few) == 20 and set(few.ranges) <= set(seen.ranges)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (np.zeros((0, 3)), "expected points"),
+        (np.zeros((30, 2)), "shape"),
+        (np.where(np.arange(90).reshape(30, 3) == 4, np.nan, cloud(30)), "1 of 30 with NaN"),
+        (np.linspace(1, 2, 40)[:, None] * [1.0, 1.0, 9.0], "one line"),
+        (cloud(40) * [1.0, 1e-4, 1.0], "one plane"),
+        (cloud(8), "at least 12 points"),
+        (cloud() / 1000, "multiply by 1000"),
+        (cloud() * 1000, "check the unit"),
+    ],
+)
+def test_clouds_that_tell_no_pose_are_refused(points, message):
+    with pytest.raises(InputError, match=message):
+        from_points(points)
+
+
+def test_of_an_unknown_scale_any_size_will_do():
+    assert from_points(cloud() / 1000, PointNoise(1e-4), UNKNOWN).scale.free
+
+
+def test_depth_images_of_another_size_or_without_depth_are_refused():
+    with pytest.raises(InputError, match=r"48 × 64 pixels"):
+        from_depth(np.ones((64, 48)), CAMERA_OF_TESTS)
+    with pytest.raises(InputError, match="none above 0"):
+        from_depth(np.zeros((48, 64)), CAMERA_OF_TESTS)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"kind": "guess"}, {"kind": "prior"}, {"sd_log": 0.1}, {"low": 3.0}, {"factor": -1.0}]
+)
+def test_scales_that_cannot_be_are_refused(wrong):
+    with pytest.raises(InputError):
+        Scale(**wrong)
+
+
+@pytest.mark.parametrize("wrong", [{"smooth": -1.0}, {"pixel_mm": np.nan}, {"outliers": 0.0}, {"reach_deg": 0.0}])
+def test_noise_that_cannot_be_is_refused(wrong):
+    with pytest.raises(InputError):
+        DepthNoise(**wrong)
+
+
+def test_views_together_lie_where_their_cameras_stand():
+    one, other = from_points(cloud()), from_points(cloud(40, 1))
+    relative = Pose.exp(np.array([[0.0] * 6, [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]]), CAMERA, CAMERA)
+    both = together([one, other], relative)
+    assert both.views == 2 and len(both) == 90
+    expected = relative[1].apply(other.directions * other.ranges[:, None])
+    back = both.origins[50:] + both.directions[50:] * both.ranges[50:, None]
+    np.testing.assert_allclose(back, expected, atol=1e-9)
+
+
+def test_views_of_different_scale_or_without_poses_are_refused():
+    one, other = from_points(cloud()), from_points(cloud(), scale=UNKNOWN)
+    poses = Pose(np.tile(np.eye(4), (2, 1, 1)), CAMERA, CAMERA)
+    with pytest.raises(InputError, match="one scale"):
+        together([one, other], poses)
+    with pytest.raises(PoseError, match="one pose"):
+        together([one], poses)

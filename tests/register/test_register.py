@@ -1,0 +1,142 @@
+"""From what was seen to a pose: right where it can be, refused where it cannot, and the same for every scale."""
+
+import numpy as np
+import pytest
+
+from naris.anatomy.builtin.variation import virtual_patient
+from naris.bench.trials import drawn_trials, neighbours_of
+from naris.core.pose import CAMERA, Pose, distance
+from naris.core.results import Prediction
+from naris.errors import InputError, PoseError, RegionError, SurfaceError
+from naris.register.confidence import Evidence
+from naris.register.map import registration_map
+from naris.register.observation import DepthNoise, Scale, from_ranges, together
+from naris.register.register import RegisterConfig, register
+from naris.register.starts import NOTHING, Belief, Orientation, in_region, near, of_prediction
+
+QUICK = RegisterConfig(starts=80, finalists=6)
+
+
+def off(found, trial):
+    mm, rad = distance(found.best, trial.anatomy_T_camera)
+    return float(mm), float(np.rad2deg(rad))
+
+
+def test_clean_views_from_nothing_end_at_the_truth(prepared_nose, trials):
+    for trial in trials:
+        found = register(prepared_nose, trial.observation("a"))
+        assert off(found, trial) < (0.05, 0.5)
+        assert (found.reason is None) == (found.anatomy_T_camera is not None)
+
+
+@pytest.mark.parametrize("noise", ["b", "c", "d"])
+def test_noisy_views_end_near_the_truth_or_are_doubted(nose, prepared_nose, trials, noise):
+    regions, right = nose.region_set(), 0
+    for trial in trials:
+        name = regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))]
+        found = register(prepared_nose, trial.observation(noise), in_region(regions, name), QUICK)
+        good = off(found, trial)[0] <= 2.0 and off(found, trial)[1] <= 5.0
+        right += good
+        assert good or found.probability < 0.9
+    assert right >= len(trials) - 2
+
+
+def test_the_scale_is_found_where_it_is_unknown(prepared_nose, trials):
+    trial = trials[0]
+    for factor in (0.6, 1.0, 1.7):
+        ranges = trial.ranges["a"] / factor
+        seen = from_ranges(ranges, trial.rays, DepthNoise(smooth=0.0, pixel_mm=0.05), Scale("unknown"))
+        found = register(prepared_nose, seen)
+        assert found.scale == pytest.approx(factor, rel=0.02)
+        assert off(found, trial) < (0.2, 1.0)
+
+
+def test_a_prior_of_the_scale_draws_it(prepared_nose, trials):
+    trial = trials[0]
+    seen = from_ranges(trial.ranges["b"] / 1.2, trial.rays, DepthNoise(), Scale("prior", 1.2, 0.05))
+    found = register(prepared_nose, seen, NOTHING, QUICK)
+    assert found.scale == pytest.approx(1.2, rel=0.08)
+
+
+def test_of_a_known_scale_nothing_is_freed(prepared_nose, trials):
+    assert register(prepared_nose, trials[0].observation("b"), NOTHING, QUICK).scale == 1.0
+
+
+def test_from_a_believed_pose_it_ends_there_and_looks_nowhere_else(prepared_nose, trials):
+    trial = trials[2]
+    moved = trial.anatomy_T_camera @ Pose.exp(np.array([0.8, -0.5, 0.4, 0.05, 0.08, -0.06]), CAMERA, CAMERA)
+    spread = np.diag([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])[None]
+    found = register(prepared_nose, trial.observation("a"), near(moved, spread), RegisterConfig(8, 2))
+    assert off(found, trial) < (0.05, 0.5)
+
+
+def test_a_prediction_of_the_wrong_region_does_not_hide_the_right_one(nose, prepared_nose, trials):
+    """Probabilities are softened: a sure mistake costs evidence, not the answer."""
+    regions, trial = nose.region_set(), trials[0]
+    label = int(regions.label(trial.anatomy_T_camera.position_mm))
+    wrong = np.full(len(regions.names), 1e-6)
+    wrong[(label + 1) % len(wrong)] = 1.0
+    said = Prediction(regions.name, tuple(regions.names), np.log(wrong / wrong.sum()))
+    found = register(prepared_nose, trial.observation("a"), of_prediction(said, regions))
+    assert off(found, trial) < (0.1, 0.5)
+
+
+def test_three_views_are_better_than_one(nose, prepared_nose, trials):
+    views, rig_T_camera = neighbours_of(nose, trials[3], 2, 5)
+    found = register(prepared_nose, together([one.observation("b") for one in views], rig_T_camera), NOTHING, QUICK)
+    assert off(found, trials[3]) < (1.0, 3.0)
+
+
+def test_another_patient_and_a_mirrored_side_are_refused(nose, prepared_nose, trials):
+    stranger = virtual_patient(77, 1)
+    others = drawn_trials(stranger, 4, 3)
+    seen = [one.observation("b") for one in others]
+    mirrored = [from_ranges(one.ranges["b"][:, ::-1], one.rays, DepthNoise()) for one in trials]
+    results = [register(prepared_nose, one, NOTHING, QUICK) for one in [*seen, *mirrored]]
+    refused = [one.status == "refused" for one in results]
+    assert np.mean(refused) >= 0.8
+    assert all(one.anatomy_T_camera is None and one.reason for one in results if one.status == "refused")
+
+
+def test_the_same_question_has_the_same_answer(prepared_nose, trials):
+    one, other = (register(prepared_nose, trials[4].observation("b"), NOTHING, QUICK) for _ in range(2))
+    np.testing.assert_array_equal(one.best.matrix, other.best.matrix)
+    assert one.probability == other.probability
+
+
+def test_the_covariance_is_that_of_the_camera(prepared_nose, trials):
+    found = register(prepared_nose, trials[0].observation("b"), NOTHING, QUICK)
+    assert np.allclose(found.covariance, found.covariance.T)
+    assert (np.linalg.eigvalsh(found.covariance) > 0).all()
+    assert np.sqrt(np.diag(found.covariance)[:3]).max() < 2.0
+
+
+def test_beliefs_of_another_frame_or_region_are_refused(nose, prepared_nose, trials):
+    regions, seen = nose.region_set(), trials[0].observation("b")
+    with pytest.raises(RegionError, match="one of the regions"):
+        in_region(regions, "liver")
+    with pytest.raises(RegionError, match="use a model made for"):
+        of_prediction(Prediction("x", ("a", "b"), np.log([0.5, 0.5])), regions)
+    with pytest.raises(PoseError, match="into the frame LPS"):
+        register(prepared_nose, seen, near(Pose(np.eye(4), "mean", CAMERA), np.eye(6)[None]), QUICK)
+    with pytest.raises(RegionError, match="room for a camera"):
+        register(prepared_nose, seen, Belief(regions, {}), QUICK)
+
+
+def test_an_anatomy_without_room_is_refused(nose):
+    with pytest.raises(SurfaceError, match="room for a camera"):
+        registration_map(nose.with_(vertices_mm=nose.vertices_mm / 40))
+
+
+def test_orientations_that_cannot_be_are_refused():
+    for wrong in ({"tilt_deg": 0.0}, {"roll_deg": 190.0}, {"apart_deg": 1.0}):
+        with pytest.raises(InputError, match="tilt and a roll"):
+            Orientation(**wrong)
+
+
+def test_reasons_name_what_is_wrong():
+    good = Evidence(40.0, 0.2, 0.5, 0.99, 1.0, 0.0, 0.5, 0.01, False, 2.0)
+    assert good.refusal(0.95, 0.8) is None
+    assert "another patient" in (Evidence(40.0, 0.2, 0.5, 0.3, 1.0, 0.0, 0.5, 0.01, False, 2.0).refusal(0.9, 0.8) or "")
+    assert "several places" in (Evidence(1.0, 0.2, 0.5, 0.99, 1.0, 0.0, 0.5, 0.4, False, 2.0).refusal(0.4, 0.8) or "")
+    assert "loose" in (Evidence(30.0, 2.5, 9.0, 0.99, 1.0, 0.0, 0.5, 0.0, False, 2.0).refusal(0.4, 0.8) or "")
