@@ -27,6 +27,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     "render": Benchmark("naris.bench.render", "speed of the renderer beside others, and whether it is right"),
     "simulate": Benchmark("naris.bench.simulate", "seconds for 1,420 pictures on disk"),
     "anatomy": Benchmark("naris.bench.anatomy", "noses found in simulated and real CTs beside the truth"),
+    "register": Benchmark("naris.bench.register", "how often, how surely and at what cost a registration ends right"),
     "demo": Benchmark("naris.bench.demo", "what naris demo comes to, and its seconds"),
     "reproduce": Benchmark("naris.bench.reproduce", "the published experiment, every network on every split"),
 }
@@ -42,7 +43,7 @@ class BenchRequest:
         seed: of everything random.
         anatomy: a surface file or a saved anatomy, the word `builtin`, or None for what the benchmark is defined on.
         texture: a picture for the walls, or None.
-        scans: a folder with real scans for `anatomy`, or None.
+        scans: a folder with real scans for `anatomy` and frozen trials for `register`, or None.
         work: a folder to write in, that `reproduce` keeps and takes up again; None for a temporary one.
         progress: where long work reports to.
     """

@@ -38,6 +38,9 @@ VERBS: Mapping[str, Verb] = {
     "train": Verb("naris.cli.train", "a network, on views rendered as it learns or on a data set"),
     "evaluate": Verb("naris.cli.evaluate", "how good a model is: accuracy, confusion, calibration, pose errors"),
     "locate": Verb("naris.cli.locate", "region and pose of any picture, or that it cannot be told"),
+    "register": Verb(
+        "naris.cli.register", "the camera's pose in an anatomy from depth or points, or that it is unsure"
+    ),
     "bench": Verb("naris.cli.bench", "measure the figures that the documents quote"),
     "fetch": Verb("naris.cli.fetch", "download public data with pinned digests: mean-nose"),
 }

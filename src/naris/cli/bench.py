@@ -33,14 +33,15 @@ class Options:
     quick: bool = False
     """At most 60 s on two cores, with fewer trials."""
     anatomy: Annotated[IfGiven[str], tyro.conf.arg(metavar="FILE|builtin")] = None
-    """What to measure on; by default the published mean nose (naris fetch mean-nose). Not for anatomy and demo, which
-    have the built-in one."""
+    """What to measure on; by default the published mean nose (naris fetch mean-nose). Not for anatomy, register
+    and demo, which have their own."""
     texture: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
-    """A picture that colours the walls; by default that of the mean nose. Not for anatomy and demo."""
+    """A picture that colours the walls; by default that of the mean nose. Not for anatomy,
+    register and demo."""
     scans: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
-    """Real scans for the benchmark anatomy: a folder with nasalseg-p001/P001_img.nrrd and P001_seg.nrrd (case P001 of
-    NasalSeg) and ct-head/ct_head.nii.gz (of the Python package dicom2stl); figures of those that are missing have
-    no value."""
+    """Real data for the benchmarks anatomy and register: a folder with nasalseg-p001/P001_img.nrrd and P001_seg.nrrd
+    (case P001 of NasalSeg) and ct-head/ct_head.nii.gz (of the Python package dicom2stl), or with
+    registration-trials/trials.npz and mean-nose/ASR.ply; figures of those that are missing have no value."""
     seed: int = 0
     """Of everything random."""
     work: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
@@ -54,12 +55,12 @@ def run(options: Options, console: Console) -> int:
     from naris.bench import BenchRequest, run_benchmark
     from naris.core.atomic import check_writable, write_json
 
-    if options.name in ("anatomy", "demo"):
+    if options.name in ("anatomy", "demo", "register"):
         refuse(options, ("anatomy", "texture"), "only with another benchmark", options.name)
-    if options.name == "render":
+    if options.name in ("render", "register"):
         refuse(options, ("work",), "only with a benchmark that writes", options.name)
-    if options.name != "anatomy":
-        refuse(options, ("scans",), "only with the benchmark anatomy", options.name)
+    if options.name not in ("anatomy", "register"):
+        refuse(options, ("scans",), "only with the benchmarks anatomy and register", options.name)
     elif options.scans is not None and not options.scans.is_dir():
         raise InputError(f"a folder of scans at {options.scans}", "none", "check the path")
     request = BenchRequest(

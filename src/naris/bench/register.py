@@ -1,0 +1,272 @@
+"""How often a registration ends at the truth, from what start, at what cost, and how well it knows.
+
+Over all trials, refusals counted as what they are: a success is a best pose within 2 mm and 5°; the confidence is
+judged apart. The frozen trials in the mean nose are measured where they are given (`--scans`); views of virtual
+patients always are.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from naris.anatomy.builtin.variation import virtual_patient
+from naris.anatomy.read import read_surface
+from naris.bench import BenchRequest, Measurement
+from naris.bench.result import Figure
+from naris.bench.trials import NOISES, Noise, Trial, drawn_trials, frozen_trials, neighbours_of
+from naris.core.anatomy import Anatomy, Enclosed
+from naris.core.pose import CAMERA, Pose, distance
+from naris.core.provenance import file_digest
+from naris.core.results import Registration
+from naris.register.map import RegistrationMap, registration_map
+from naris.register.observation import Observation, together
+from naris.register.register import RegisterConfig, register
+from naris.register.solve import coarse
+from naris.register.starts import NOTHING, Belief, Starts, in_region, near
+
+FROZEN, MEAN = "registration-trials/trials.npz", "mean-nose/ASR.ply"
+PATIENTS, VIEWS = 20, 10
+QUICK_PATIENTS, QUICK_VIEWS = 1, 4
+FROM_POSE = RegisterConfig(starts=8, finalists=1)
+GOALS = {
+    "region": {"a": 1.0, "b": 0.85, "c": 0.70, "d": 0.80},
+    "none": {"b": 0.80, "c": 0.65, "d": 0.75},
+    "views3": {"b": 0.93, "c": 0.85},
+    "pose": {"b": 0.85},
+}
+CPU_GOALS_S = {"region": 0.3, "none": 1.0, "pose": 0.02}
+_NEAR_MM, _NEAR_RAD = 2.0, np.deg2rad(10.0)
+_OTHERS = 2_000_000  # seeds of the patients here, apart from those that the confidence is fitted on
+_POINTS = 400
+_REPEATS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One registration beside the truth."""
+
+    off_mm: float
+    off_deg: float
+    cpu_s: float
+    result: Registration
+
+    @property
+    def right(self) -> bool:
+        return self.off_mm <= 2.0 and self.off_deg <= 5.0
+
+    @property
+    def close(self) -> bool:
+        return self.off_mm <= 1.0 and self.off_deg <= 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """An anatomy, prepared once for all its trials, and those."""
+
+    anatomy: Anatomy
+    trials: Sequence[Trial]
+
+    @cached_property
+    def at(self) -> RegistrationMap:
+        return registration_map(self.anatomy)
+
+
+def measure(request: BenchRequest) -> Measurement:
+    """All figures: on the frozen trials under their own names, on virtual patients with `.patients` behind."""
+    sets = list(_sets(request))
+    figures: list[Figure] = []
+    known: dict[str, list[Outcome]] = {}
+    for suffix, settings in sets:
+        _warm_up(settings[0])
+        for start in ("region", "none"):
+            for noise in NOISES:
+                done = _run(request, f"{start} {noise}{suffix}", settings, noise, start)
+                known[f"{start}.{noise}{suffix}"] = done
+                figures += _of(f"register.{start}.{noise}{suffix}", done, start, noise)
+        figures += _of(f"register.pose.b{suffix}", _run(request, f"pose b{suffix}", settings, "b", "pose"), "pose", "b")
+        for noise in ("b", "c"):
+            done = _run(request, f"three views {noise}{suffix}", settings, noise, "views3")
+            figures += _of(f"register.views3.{noise}{suffix}", done, "views3", noise)
+    last = sets[-1][0]
+    unsure = [one for noise in "bcd" for one in known[f"none.{noise}{last}"]]
+    figures += of_confidence(unsure)
+    figures += [_solve_ms(sets[0][1][0]), _wrong_patient(request, sets[-1][1])]
+    return Measurement(tuple(figures), _inputs(request))
+
+
+def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
+    sets = []
+    if request.scans is not None and (request.scans / FROZEN).is_file() and (request.scans / MEAN).is_file():
+        # The frozen poses lie inside the closed surface itself, not in the air between its walls.
+        mean = read_surface(request.scans / MEAN).with_(airspace=Enclosed(), passages=())
+        trials = frozen_trials(request.scans / FROZEN, mean.frame)
+        sets.append(("", [Setting(mean, trials[:QUICK_VIEWS] if request.quick else trials)]))
+    count, views = (QUICK_PATIENTS, QUICK_VIEWS) if request.quick else (PATIENTS, VIEWS)
+    patients = []
+    with request.progress.task("virtual patients", count) as advance:
+        for number in range(count):
+            nose = virtual_patient(_OTHERS + request.seed, number)
+            patients.append(Setting(nose, drawn_trials(nose, views, request.seed + number)))
+            advance(1)
+    return [*sets, (".patients", patients)]
+
+
+def _run(request: BenchRequest, what: str, settings: Sequence[Setting], noise: Noise, start: str) -> list[Outcome]:
+    done = []
+    with request.progress.task(what, sum(len(setting.trials) for setting in settings)) as advance:
+        for setting in settings:
+            at = setting.at
+            for number, trial in enumerate(setting.trials):
+                done.append(_once(at, trial, noise, start, request.seed + number))
+                advance(1)
+    return done
+
+
+def _once(at: RegistrationMap, trial: Trial, noise: Noise, start: str, seed: int) -> Outcome:
+    rng, views, rig_T_camera = np.random.default_rng([seed, 6]), None, Pose.identity(CAMERA)
+    belief, config = NOTHING, RegisterConfig(seed=seed)
+    if start == "region":
+        regions = at.anatomy.region_set()
+        belief = in_region(regions, regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))])
+    elif start == "pose":
+        belief, config = _near_truth(trial, rng), FROM_POSE
+    elif start == "views3":
+        views, rig_T_camera = neighbours_of(at.anatomy, trial, 2, seed)
+    begun = time.process_time()
+    seen = trial.observation(noise) if views is None else _several(views, rig_T_camera, noise)
+    result = register(at, seen, belief, config)
+    spent = time.process_time() - begun
+    off_mm, off_rad = distance(result.best, trial.anatomy_T_camera)
+    return Outcome(float(off_mm), float(np.rad2deg(off_rad)), spent, result)
+
+
+def _several(views: Sequence[Trial], rig_T_camera: Pose, noise: Noise) -> Observation:
+    """The views as one observation; those of noise c share the scale of the first, translations too."""
+    if noise != "c":
+        return together([one.observation(noise) for one in views], rig_T_camera)
+    scale = views[0].scale
+    alike = [Trial(one.anatomy_T_camera, one.rays, {"c": scale * one.ranges["b"]}, scale, one.points) for one in views]
+    poses = Pose.of(rig_T_camera.rotation, scale * rig_T_camera.position_mm, CAMERA, CAMERA)
+    return together([one.observation("c") for one in alike], poses)
+
+
+def _near_truth(trial: Trial, rng: np.random.Generator) -> Belief:
+    """A pose at random within 2 mm and 10° of the truth."""
+    step = rng.standard_normal((2, 3))
+    step *= (rng.random((2, 1)) * np.array([[_NEAR_MM], [_NEAR_RAD]])) / np.linalg.norm(step, axis=1, keepdims=True)
+    moved = trial.anatomy_T_camera @ Pose.exp(step.ravel(), CAMERA, CAMERA)
+    spread = np.diag([(_NEAR_MM / 2) ** 2] * 3 + [(_NEAR_RAD / 2) ** 2] * 3)
+    return near(moved, spread[None])
+
+
+def _of(name: str, done: Sequence[Outcome], start: str, noise: str) -> list[Figure]:
+    n = len(done)
+    right = np.array([one.right for one in done])
+    cpu = float(np.mean([one.cpu_s for one in done]))
+    goal = GOALS[start].get(noise)
+    return [
+        Figure(f"{name}.success", float(right.mean()), "1", n, "higher", goal, _wilson(right)),
+        Figure(f"{name}.close", float(np.mean([one.close for one in done])), "1", n, "higher"),
+        Figure(f"{name}.cpu_s", cpu, "CPU-s", n, "lower", CPU_GOALS_S.get(start)),
+    ]
+
+
+def _wilson(right: Bool[np.ndarray, "n"]) -> tuple[float, float]:
+    """95 % of a share (Wilson 1927)."""
+    n, p, z = len(right), float(right.mean()), 1.96
+    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return float((middle - half) / (1 + z * z / n)), float((middle + half) / (1 + z * z / n))
+
+
+def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
+    """How well the probability parts right from wrong, and whether it is what it says."""
+    right = np.array([one.right for one in done])
+    said = np.array([one.result.probability for one in done])
+    base, n = "register.confidence", len(done)
+    auroc = _auroc(said, right)
+    order = np.argsort(-said, kind="stable")
+    taken = order[: round(0.8 * n)]
+    return [
+        Figure(f"{base}.auroc", auroc, "1", n if auroc is not None else 0, "higher", 0.97),
+        Figure(f"{base}.false_accept_at_80", float((~right[taken]).mean()), "1", n, "lower", 0.01),
+        Figure(f"{base}.ece", _calibration_error(said, right), "1", n, "lower", 0.03),
+        Figure(
+            f"{base}.accepted", float(np.mean([one.result.status == "registered" for one in done])), "1", n, "higher"
+        ),
+        Figure(f"{base}.false_accept", _false_accept(done), "1", n, "lower"),
+    ]
+
+
+def _false_accept(done: Sequence[Outcome]) -> float:
+    accepted = [one.right for one in done if one.result.status == "registered"]
+    return float(1 - np.mean(accepted)) if accepted else 0.0
+
+
+def _auroc(score: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]) -> float | None:
+    """The chance that a right one scores higher than a wrong one (Mann and Whitney 1947)."""
+    if right.all() or not right.any():
+        return None
+    above = score[right][:, None] - score[~right][None]
+    return float((above > 0).mean() + 0.5 * (above == 0).mean())
+
+
+def _calibration_error(said: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"], bins: int = 10) -> float:
+    """Expected calibration error over bins of equal width (Guo et al. 2017)."""
+    bin_of = np.minimum((said * bins).astype(int), bins - 1)
+    gaps = [abs(said[bin_of == b].mean() - right[bin_of == b].mean()) * (bin_of == b).mean() for b in np.unique(bin_of)]
+    return float(np.sum(gaps))
+
+
+def _solve_ms(setting: Setting) -> Figure:
+    """One coarse solve of as many points as the issue names, from poses beside the truth."""
+    at, trial = setting.at, setting.trials[0]
+    rng = np.random.default_rng(7)
+    beliefs = [_near_truth(trial, rng).poses for _ in range(_REPEATS)]
+    poses = np.concatenate([pose.matrix for pose in beliefs if pose is not None])
+    starts = Starts(poses, np.zeros(len(poses)))
+    seen = trial.observation("b").some(_POINTS)
+    coarse(at, seen, starts, most_rays=_POINTS)
+    begun = time.process_time()
+    coarse(at, seen, starts, most_rays=_POINTS)
+    spent = (time.process_time() - begun) / len(poses)
+    return Figure("register.solve.cpu_ms", 1e3 * spent, "ms", len(poses), "lower", 1.5)
+
+
+def _wrong_patient(request: BenchRequest, settings: Sequence[Setting]) -> Figure:
+    """Views of one patient registered to another: how many are refused."""
+    refused: list[bool] = []
+    others = [settings[-1], *settings[:-1]] if len(settings) > 1 else [_stranger(request)]
+    with request.progress.task("wrong patients", len(settings)) as advance:
+        for setting, other in zip(settings, others, strict=True):
+            at = other.at
+            for number, trial in enumerate(setting.trials):
+                result = register(at, trial.observation("b"), NOTHING, RegisterConfig(seed=number))
+                refused.append(result.status == "refused")
+            advance(1)
+    return Figure("register.wrong_patient.refused", float(np.mean(refused)), "1", len(refused), "higher", 0.95)
+
+
+def _stranger(request: BenchRequest) -> Setting:
+    nose = virtual_patient(_OTHERS + request.seed, PATIENTS)
+    return Setting(nose, ())
+
+
+def _warm_up(setting: Setting) -> None:
+    """Compiles what there is to compile, so that no trial pays for it."""
+    at = setting.at
+    for noise in NOISES:
+        register(at, setting.trials[0].observation(noise))
+
+
+def _inputs(request: BenchRequest) -> dict[str, str]:
+    told = {"patients": "built-in noses of drawn parameters, seeds apart from those of the confidence"}
+    for name in (FROZEN, MEAN):
+        if request.scans is not None and (request.scans / name).is_file():
+            told[name] = f"SHA-256 {file_digest(request.scans / name)}"
+    return told

@@ -1,0 +1,284 @@
+"""Find the pose of the camera in an anatomy from a depth image or a cloud of points, or say that it cannot be told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from naris.cli.console import Console
+from naris.cli.options import IfGiven, refuse
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from naris.core.anatomy import Anatomy, RegionSet
+    from naris.core.camera import Intrinsics
+    from naris.core.results import Registration
+    from naris.register.observation import Observation, Scale
+    from naris.register.starts import Belief
+
+REFUSED = 1
+RESULT, TRANSFORM, LANDMARKS = "registration.json", "anatomy_T_camera.tfm", "landmarks.mrk.json"
+VIEW, OVERLAY = "view.png", "overlay.png"
+SCHEMA = "naris.registration/1"
+
+
+@dataclass(frozen=True)
+class Options:
+    """What was seen, where, and what is known of it."""
+
+    anatomy: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ANATOMY")]
+    """The folder of an anatomy, a surface file, or the word builtin."""
+    depth: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
+    """Z-depth of one frame: a 16-bit PNG or TIFF, or a .npy (H, W); 0 or NaN where it is not known."""
+    cloud: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
+    """Points that the camera sees, in its frame (x right, y down, z forward): .ply, .npy, or three numbers a line."""
+    intrinsics: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
+    """Camera of the depth image: JSON with width, height, fx, fy, cx, cy in pixels and the lens. With --depth."""
+    depth_unit_mm: IfGiven[float] = None
+    """What one step of the depth image is, in mm; 1 when not given. With --depth."""
+    scale: Literal["known", "unknown", "prior"] = "known"
+    """Whether depths and points are in mm; if not, a factor is estimated. It is never guessed."""
+    scale_factor: IfGiven[float] = None
+    """The most likely factor to mm. With --scale prior."""
+    scale_spread: IfGiven[float] = None
+    """How far the factor may be off, as a share (one standard deviation). With --scale prior; 0.2 when not given."""
+    smooth_error: IfGiven[float] = None
+    """Relative error of the depth that varies slowly over the picture (one standard deviation); 0.05 when not given.
+    With --depth."""
+    noise: IfGiven[float] = None
+    """Error of each pixel or point by itself, in mm (one standard deviation, before any scale); 0.3 for a depth image,
+    0.5 for a cloud when not given."""
+    region: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
+    """The region that the camera is in, if somebody knows."""
+    regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="SET")] = None
+    """The region set that --region is of; by default the anatomy's first."""
+    frame: Annotated[IfGiven[Path], tyro.conf.arg(metavar="PICTURE")] = None
+    """The picture: for a model to say where it was taken, and to draw the walls on."""
+    model: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-m"], metavar="MODEL")] = None
+    """Weights made by naris train on this anatomy; they say where to begin. With --frame."""
+    most_tilt_deg: float = 90.0
+    """The camera looks within this angle of the way inwards, where no pose is known."""
+    most_roll_deg: float = 40.0
+    """The camera is rolled by at most so much from upright, where no pose is known; 180 for any."""
+    probability: float = 0.8
+    """A pose that is less likely than this to be within 2 mm and 5° is refused."""
+    seed: int = 0
+    """Of the starts beside poses that a model believes in."""
+    out: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
+    """Folder for the result, a transform and landmarks for 3D Slicer, and pictures: new, empty, or an earlier one."""
+
+
+def run(options: Options, console: Console) -> int:
+    """Registers and tells the pose; exit status 1 where it is refused."""
+    from naris.cli.anatomies import open_anatomy
+    from naris.cli.folders import check_own
+    from naris.register.map import registration_map
+    from naris.register.register import RegisterConfig, register
+
+    _check(options)
+    if options.out is not None:
+        check_own(options.out, (RESULT, TRANSFORM, LANDMARKS, VIEW, OVERLAY), "a registration")
+    seen, intrinsics = _observation(options)
+    ground = _ground(options, intrinsics)
+    anatomy, regions = open_anatomy(options.anatomy, options.regions)
+    belief = _belief(options, anatomy, regions)
+    with console.progress.task("preparing the anatomy", 1) as advance:
+        at = registration_map(anatomy)
+        advance(1)
+    with console.progress.task("registering", 1) as advance:
+        config = RegisterConfig(least_probability=options.probability, seed=options.seed)
+        found = register(at, seen, belief, config)
+        advance(1)
+    data = _told(found, anatomy, seen)
+    if options.out is not None:
+        data["files"] = _write(options.out, found, anatomy, _views(found, anatomy, intrinsics, ground), data)
+    console.answer(data, _text(data))
+    return 0 if found.status == "registered" else REFUSED
+
+
+def interrupted(options: Options) -> str:
+    """What a user who stopped it should know."""
+    return "nothing was kept; run the same command again"
+
+
+def _check(options: Options) -> None:
+    from naris.errors import InputError
+
+    if (options.depth is None) == (options.cloud is None):
+        got = "both" if options.depth is not None else "neither"
+        raise InputError("either --depth or --cloud", got, "give what the camera saw")
+    if options.cloud is not None:
+        refuse(options, ("intrinsics", "depth_unit_mm", "smooth_error"), "only with --depth", "--cloud")
+    elif options.intrinsics is None:
+        raise InputError("--intrinsics with --depth", "none", "give the camera of the depth image")
+    if options.scale != "prior":
+        refuse(options, ("scale_factor", "scale_spread"), "only with --scale prior", f"--scale {options.scale}")
+    elif options.scale_factor is None:
+        raise InputError("--scale-factor with --scale prior", "none", "give the most likely factor to mm")
+    if options.region is None:
+        refuse(options, ("regions",), "only with --region", "no region")
+    if (options.model is not None) and options.frame is None:
+        raise InputError("--frame with --model", "none", "give the picture that the model is to look at")
+    if options.model is not None:
+        refuse(options, ("region",), "without --model", "a model that tells the region")
+
+
+def _observation(options: Options) -> tuple[Observation, Intrinsics | None]:
+    from naris.cli.cameras import read_intrinsics
+    from naris.register.files import read_cloud, read_depth_image
+    from naris.register.observation import DepthNoise, PointNoise, from_depth, from_points
+
+    scale = _scale(options)
+    if options.cloud is not None:
+        noise = PointNoise() if options.noise is None else PointNoise(options.noise)
+        return from_points(read_cloud(options.cloud), noise, scale), None
+    if options.intrinsics is None or options.depth is None:
+        return _observation(replace(options, cloud=options.depth))  # `_check` lets nobody come here
+    intrinsics, plain = read_intrinsics(options.intrinsics), DepthNoise()
+    of_depth = DepthNoise(
+        plain.smooth if options.smooth_error is None else options.smooth_error,
+        plain.reach_deg,
+        plain.pixel_mm if options.noise is None else options.noise,
+    )
+    depth = read_depth_image(options.depth, 1.0 if options.depth_unit_mm is None else options.depth_unit_mm)
+    return from_depth(depth, intrinsics, of_depth, scale), intrinsics
+
+
+def _ground(options: Options, intrinsics: Intrinsics | None) -> np.ndarray | None:
+    """What the walls are drawn on: the frame, or else the depth image."""
+    from naris.core.pictures import read_picture
+    from naris.errors import ImageError
+    from naris.register.files import read_depth_image
+    from naris.register.look import shaded
+
+    if intrinsics is None or options.depth is None:
+        return None
+    if options.frame is None:
+        return shaded(read_depth_image(options.depth, 1.0))
+    picture = read_picture(options.frame)
+    if picture.shape[:2] != (intrinsics.height, intrinsics.width):
+        raise ImageError(
+            f"a picture of {intrinsics.width}×{intrinsics.height} pixels, as the intrinsics say",
+            f"{picture.shape[1]}×{picture.shape[0]}",
+            "give the frame that the depth is of",
+        )
+    return picture
+
+
+def _scale(options: Options) -> Scale:
+    import math
+
+    from naris.register.observation import Scale
+
+    if options.scale == "prior" and options.scale_factor is not None:
+        spread = 0.2 if options.scale_spread is None else options.scale_spread
+        return Scale("prior", options.scale_factor, math.log1p(spread))
+    return Scale(options.scale)
+
+
+def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
+    from naris.register.starts import NOTHING, Orientation, in_region, of_prediction
+
+    orientation = Orientation(options.most_tilt_deg, options.most_roll_deg)
+    if options.region is not None:
+        return in_region(regions, options.region, orientation)
+    if options.model is None or options.frame is None:
+        return replace(NOTHING, orientation=orientation)
+    from naris.cli.models import open_model
+    from naris.errors import CheckpointError
+    from naris.locate import locate
+
+    localizer = open_model(options.model)
+    subject = localizer.checkpoint.subject
+    if subject.anatomy_digest != anatomy.digest:
+        raise CheckpointError(
+            f"a model made for {anatomy.name}", f"one made for {subject.anatomy}", "train one on this anatomy"
+        )
+    (prediction,) = locate([options.frame], localizer)
+    return replace(of_prediction(prediction, anatomy.region_set(subject.regions.name)), orientation=orientation)
+
+
+def _told(found: Registration, anatomy: Anatomy, seen: Observation) -> dict[str, Any]:
+    import numpy as np
+
+    sd = np.sqrt(np.diag(found.covariance))
+    return {
+        "schema": SCHEMA,
+        "status": found.status,
+        "reason": found.reason,
+        "anatomy": {"name": anatomy.name, "digest": anatomy.digest, "frame": anatomy.frame},
+        "anatomy_T_camera": None if found.anatomy_T_camera is None else found.anatomy_T_camera.matrix.tolist(),
+        "best_guess": found.best.matrix.tolist(),
+        "probability": found.probability,
+        "scale": found.scale,
+        "scale_kind": seen.scale.kind,
+        "margin": None if not np.isfinite(found.margin) else found.margin,
+        "cost": found.cost,
+        "covariance": found.covariance.tolist(),
+        "sd_mm": sd[:3].tolist(),
+        "sd_deg": np.rad2deg(sd[3:]).tolist(),
+        "alternatives": found.alternatives.matrix.tolist(),
+        "rays": len(seen),
+    }
+
+
+def _text(data: dict[str, Any]) -> str:
+    x, y, z = (row[3] for row in data["best_guess"][:3])
+    where = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in {data['anatomy']['frame']} of {data['anatomy']['name']}"
+    if data["status"] == "refused":
+        return f"refused: {data['reason']}\n  best guess near {where}, not to be used"
+    scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} mm per unit"
+    lines = [f"registered: camera at {where}, probability {data['probability']:.2f} of 2 mm and 5°{scale}"]
+    lines += [f"  kept in {file}" for file in data.get("files", [])]
+    return "\n".join(lines)
+
+
+def _views(
+    found: Registration, anatomy: Anatomy, intrinsics: Intrinsics | None, ground: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """What the registered camera sees, and its walls drawn on what the real one saw; none for a refused pose."""
+    from naris.register.look import overlay, seen_from
+    from naris.render.scene import Scene
+
+    if found.anatomy_T_camera is None or intrinsics is None or ground is None:
+        return {}
+    rgb, depth = seen_from(Scene(anatomy), found.anatomy_T_camera, intrinsics)
+    return {VIEW: rgb, OVERLAY: overlay(ground, depth)}
+
+
+def _write(
+    folder: Path, found: Registration, anatomy: Anatomy, views: dict[str, np.ndarray], data: dict[str, Any]
+) -> list[str]:
+    """A refused pose gets no transform: nothing that looks like an answer."""
+    from naris.core.atomic import write_json, write_text
+    from naris.register.files import slicer_landmarks, slicer_transform
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in (TRANSFORM, VIEW, OVERLAY):
+        (folder / name).unlink(missing_ok=True)
+    written = [folder / RESULT, folder / LANDMARKS]
+    write_json(folder / RESULT, data)
+    write_json(folder / LANDMARKS, slicer_landmarks(anatomy, found.anatomy_T_camera))
+    if found.anatomy_T_camera is not None and anatomy.frame == "LPS":
+        write_text(folder / TRANSFORM, slicer_transform(found.anatomy_T_camera))
+        written.append(folder / TRANSFORM)
+    for name, picture in views.items():
+        _save(folder / name, picture)
+        written.append(folder / name)
+    return [str(file) for file in written]
+
+
+def _save(path: Path, picture: np.ndarray) -> None:
+    import io
+
+    from PIL import Image
+
+    from naris.core.atomic import write_bytes
+
+    kept = io.BytesIO()
+    Image.fromarray(picture).save(kept, "PNG")
+    write_bytes(path, kept.getvalue())
