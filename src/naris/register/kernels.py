@@ -439,30 +439,42 @@ def compare(panoramas, seen, texels, free, cap, shifts, first, last, best, turn,
         best, turn, shift: (P, few) the sums of differences, rising, and which turn and shift they belong to.
     """
     turns, rays = texels.shape
-    few = best.shape[1]
+    few, half = best.shape[1], rays // 2
+    difference = np.empty(rays, np.int32)
     for p in range(first, last):
         row = panoramas[p]
         for r in range(turns):
-            off = 0
-            if free:
-                total = 0
-                for m in range(rays):
-                    total += seen[m] - np.int32(row[texels[r, m]])
-                off = min(max(total // rays, shifts[0]), shifts[1])
-                total, near = 0, 0
-                for m in range(rays):
-                    d = seen[m] - np.int32(row[texels[r, m]]) - off
-                    if abs(d) < cap:
-                        total += d
-                        near += 1
-                if near:
-                    off = min(max(off + total // near, shifts[0]), shifts[1])
+            total = 0
+            for m in range(half):
+                difference[m] = seen[m] - np.int32(row[texels[r, m]])
+                total += min(abs(difference[m]), cap)
+            if total >= best[p, few - 1] and not free:
+                continue
+            for m in range(half, rays):
+                difference[m] = seen[m] - np.int32(row[texels[r, m]])
+            off = _shift(difference, cap, shifts) if free else 0
             total = 0
             for m in range(rays):
-                total += min(abs(seen[m] - np.int32(row[texels[r, m]]) - off), cap)
+                total += min(abs(difference[m] - off), cap)
             if total < best[p, few - 1]:
                 k = few - 1
                 while k > 0 and best[p, k - 1] > total:
                     best[p, k], turn[p, k], shift[p, k] = best[p, k - 1], turn[p, k - 1], shift[p, k - 1]
                     k -= 1
                 best[p, k], turn[p, k], shift[p, k] = total, r, off
+
+
+@_part_njit
+def _shift(difference, cap, shifts):
+    """The mean difference, then that of those near it, both within `shifts`."""
+    rays, total = len(difference), 0
+    for m in range(rays):
+        total += difference[m]
+    off = min(max(total // rays, shifts[0]), shifts[1])
+    total, near = 0, 0
+    for m in range(rays):
+        d = difference[m] - off
+        if abs(d) < cap:
+            total += d
+            near += 1
+    return min(max(off + total // near, shifts[0]), shifts[1]) if near else off

@@ -32,7 +32,7 @@ class RegisterConfig:
     """
 
     starts: int = 200
-    finalists: int = 12
+    finalists: int = 8
     least_probability: float = 0.8
     seed: int = 0
 
