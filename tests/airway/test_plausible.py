@@ -34,6 +34,8 @@ def cropped(volume: Volume, low_mm: tuple[float, float, float], high_mm: tuple[f
         ((-np.inf, -np.inf, -np.inf), (9.0, np.inf, np.inf), "left"),
         ((-np.inf, -np.inf, -np.inf), (np.inf, np.inf, -4.0), "top"),
         ((-9.0, -np.inf, -np.inf), (np.inf, np.inf, np.inf), "right"),
+        ((-np.inf, -43.0, -np.inf), (np.inf, np.inf, np.inf), "front"),
+        ((-np.inf, -34.0, -np.inf), (np.inf, np.inf, np.inf), "front"),
     ],
 )
 def test_a_scan_that_ends_in_a_cavity_is_refused(low_mm, high_mm, end: str) -> None:

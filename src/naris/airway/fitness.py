@@ -153,9 +153,9 @@ def _metal_told(metal_ml: float, highest_mm: float, floor_mm: float | None) -> l
 
 
 def _reach_mm(volume: Volume, tip_mm: Float[np.ndarray, "3"]) -> dict[str, float]:
-    (x0, _, z0), (x1, y1, z1) = volume.bounds_mm.tolist()
+    (x0, y0, z0), (x1, y1, z1) = volume.bounds_mm.tolist()
     x, y, z = tip_mm.tolist()
-    found = {"behind": y1 - y, "above": z1 - z, "below": z - z0, "left": x1 - x, "right": x - x0}
+    found = {"before": y - y0, "behind": y1 - y, "above": z1 - z, "below": z - z0, "left": x1 - x, "right": x - x0}
     return {name: round(value, 1) for name, value in found.items()}
 
 

@@ -20,6 +20,7 @@ from naris.airway.basins import CLEFT_MM, Basins, basins_of, nasal_parts, wall_m
 from naris.airway.block import TOUCHING, Block, block_of
 from naris.airway.boundary import air_level
 from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostril_mm, nostrils, room_air
+from naris.airway.front import check_front, front_of
 from naris.airway.plausible import check_plausible
 from naris.airway.sinuses import SINUSES, Extent, named
 from naris.airway.ways import choana_row, pharynx_nodes, sides, ways_in
@@ -36,7 +37,6 @@ NOSE = (RIGHT, LEFT, NASOPHARYNX)
 
 _BESIDE_MM, _BEHIND_MM, _ABOVE_MM, _BELOW_MM = 55.0, 125.0, 75.0, 45.0  # of the tip of the nose, the block reaches
 _FLOOR_MM = 25.0  # below the nasal floor the pharynx is cut
-_CLIPPED_MM = 1.0
 _GROWN_MM = 1.0
 _LEAST_ROWS = 20
 _MOST_AIR_ML = 300.0  # nose, sinuses, an open mouth and the throat have 100 to 200
@@ -95,6 +95,7 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
         raise ScanError(
             f"at most {_MOST_AIR_ML:g} ml of air inside the head", f"{ml:.0f} ml", "this may be no CT of a head"
         )
+    at_front = check_front(front_of(volume, block), block, airway, room)
     wall = wall_mm(airway, step_mm)
     openings, right, left = _two_ways(block, airway, room, wall, tip_mm)
     basins = basins_of(airway, wall, step_mm)
@@ -108,9 +109,7 @@ def segment_airway(volume: Volume, step_mm: float = STEP_MM) -> Airway:
     room_hu = float(np.median(block.hu[room])) if room.any() else -1000.0
     cavities = {"right": labels == RIGHT, "left": labels == LEFT}
     findings = check_plausible(volume, block, cavities, labels == NASOPHARYNX, wall, room_hu, landmarks)
-    if tip_mm[1] - volume.bounds_mm[0, 1] < _CLIPPED_MM:
-        findings.append(Finding("clipped nose", "the scan begins at the tip of the nose, which may be cut", "warning"))
-    return Airway(labels, block, level, landmarks, tuple(findings))
+    return Airway(labels, block, level, landmarks, (*at_front, *findings))
 
 
 def _along_skin(
