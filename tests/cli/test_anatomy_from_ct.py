@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -34,6 +35,8 @@ def test_a_series_becomes_an_anatomy_that_other_verbs_open(tmp_path: Path, capfd
         assert b"JOHN" not in path.read_bytes(), path.name
     assert main(["anatomy", str(out), "--json", "--quiet"]) == 0
     assert json.loads(capfd.readouterr().out)["closed"]
+    assert main(["anatomy", "from-ct", str(series), "-o", str(out), "--step-mm", "0.9", "--quiet"]) == 0
+    assert "0.9 mm" in load_anatomy(out).source  # of the same scan
 
 
 def head_without_nostrils() -> Volume:
@@ -60,11 +63,25 @@ def test_a_refusal_says_that_an_earlier_anatomy_is_still_there(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     scan, out = tmp_path / "scan.nrrd", tmp_path / "nose"
-    write_nrrd(head_without_nostrils(), scan)
-    save_anatomy(sphere(), out)
+    head = head_without_nostrils()
+    write_nrrd(head, scan)
+    values = hashlib.sha256(np.ascontiguousarray(head.hu).tobytes()).hexdigest()[:16]
+    save_anatomy(sphere().with_(source=f"NRRD CT of 2×2×2 mm, values {values}, segmented at 0.7 mm"), out)
     assert main(["anatomy", "from-ct", str(scan), "-o", str(out), "--quiet"]) == 1
     assert "still holds the anatomy of an earlier run" in capfd.readouterr().out
     assert load_anatomy(out).name == sphere().name
+
+
+def test_the_anatomy_of_another_scan_is_not_replaced(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    scan, out = tmp_path / "scan.nrrd", tmp_path / "nose"
+    write_nrrd(head_without_nostrils(), scan)
+    earlier = sphere().with_(source="NRRD CT of 2×2×2 mm, values 0123456789abcdef, segmented at 0.5 mm")
+    save_anatomy(earlier, out)
+    assert main(["anatomy", "from-ct", str(scan), "-o", str(out), "--quiet"]) == 2
+    error = capfd.readouterr().err
+    assert error.count("\n") == 1
+    assert "one from NRRD CT of 2×2×2 mm, values 0123456789abcdef" in error
+    assert load_anatomy(out).digest == earlier.digest
 
 
 @pytest.mark.parametrize("what", ["nothing", "text", "one value"])

@@ -64,6 +64,15 @@ def save_anatomy(anatomy: Anatomy, folder: Path | str) -> None:
         previous.unlink(missing_ok=True)
 
 
+def source_in(folder: Path) -> str | None:
+    """Where the anatomy that a folder holds came from; None where it holds none.
+
+    Raises:
+        SurfaceError: if its description cannot be read.
+    """
+    return str(_read_description(folder).get("source", "")) if (folder / DESCRIPTION).is_file() else None
+
+
 def load_anatomy(
     what: Path | str,
     *,

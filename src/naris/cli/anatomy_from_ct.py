@@ -27,7 +27,7 @@ class Options:
     scan: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCAN")]
     """A DICOM folder or file, or a .nrrd, .nii, .nii.gz, .mha or .mhd file, in Hounsfield units."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")]
-    """Folder for the anatomy: new, empty, or one made by this command."""
+    """Folder for the anatomy: new, empty, or one with an anatomy of the same scan, which is replaced."""
     series: Annotated[IfGiven[str], tyro.conf.arg(metavar="KEY")] = None
     """Which DICOM series, where a folder holds several (the message that says so lists them)."""
     name: str = "patient"
@@ -54,6 +54,7 @@ def run(options: Options, console: Console) -> int:
         raise InputError("--step-mm between 0.2 and 1.0", f"{options.step_mm:g}", "use 0.5")
     check_folder(options.out)
     scan = read_scan(options.scan, options.series, console.progress)
+    _check_same(scan, options.out)
     with console.progress.task("anatomy", 3) as advance:
         try:
             airway = segment_airway(scan.volume, options.step_mm)
@@ -79,6 +80,17 @@ def run(options: Options, console: Console) -> int:
     return 0
 
 
+def _check_same(scan: Scan, out: Path) -> None:
+    """See that an anatomy in the folder is of this scan: that of another is not to be lost."""
+    from naris.anatomy.folder import source_in
+    from naris.errors import ConfigurationChanged
+
+    earlier = source_in(out)
+    if earlier is not None and _values(scan) not in earlier:
+        expected = f"no anatomy in {out}, or one of this scan ({_values(scan)})"
+        raise ConfigurationChanged(expected, f"one from {earlier or 'elsewhere'}", "give another folder")
+
+
 def _no_airway(reason: str, findings: tuple[Finding, ...], out: Path, console: Console) -> int:
     """The honest answer; what an earlier run kept in the folder is not of this scan."""
     from naris.anatomy.folder import DESCRIPTION
@@ -97,14 +109,17 @@ def interrupted(options: Options) -> str:
 
 
 def _source(scan: Scan, step_mm: float) -> str:
-    """By its values, because names of files and series may name a person."""
+    spacing = "×".join(f"{edge:.3g}" for edge in scan.volume.spacing_mm)
+    return f"{scan.format} CT of {spacing} mm, {_values(scan)}, segmented at {step_mm:g} mm"
+
+
+def _values(scan: Scan) -> str:
+    """What tells a scan from others: its values, because names of files and series may name a person."""
     import hashlib
 
     import numpy as np
 
-    values = hashlib.sha256(np.ascontiguousarray(scan.volume.hu).tobytes()).hexdigest()[:16]
-    spacing = "×".join(f"{edge:.3g}" for edge in scan.volume.spacing_mm)
-    return f"{scan.format} CT of {spacing} mm, values {values}, segmented at {step_mm:g} mm"
+    return f"values {hashlib.sha256(np.ascontiguousarray(scan.volume.hu).tobytes()).hexdigest()[:16]}"
 
 
 def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...], folder: Path) -> dict[str, Any]:
