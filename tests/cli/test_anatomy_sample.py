@@ -9,9 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from naris.anatomy import gaussian_process
 from naris.anatomy.builtin.variants import VARIANTS
-from naris.anatomy.folder import load_anatomy
+from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.cli import main
+from naris.core.anatomy import Anatomy
+from naris.errors import PoseError
+from tests.anatomy.test_correspondence import marked_tube
 
 
 @pytest.mark.slow
@@ -73,6 +77,21 @@ def test_patients_around_an_anatomy_of_ones_own(
     assert "amplitude_mm 1.2" in capfd.readouterr().err
     assert main([*words[:-1], "--cycle-mm", "1", "--quiet"]) == 2
     assert "--cycle-mm only with landmarks of both sides" in capfd.readouterr().err
+
+
+def test_draws_that_are_passed_over_are_told_and_come_to_an_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def closed(*given: object) -> Anatomy:
+        raise PoseError("passages in the lumen", "one outside it")
+
+    monkeypatch.setattr(gaussian_process, "carried_along", closed)
+    save_anatomy(marked_tube(), tmp_path / "tube")
+    words = ["anatomy", "sample", "-o", str(tmp_path / "a"), "--around", str(tmp_path / "tube"), "--count", "1"]
+    assert main([*words, "--amplitude-mm", "0.1"]) == 1
+    told = capfd.readouterr().err
+    assert re.findall(r"patient 0: (\d+) of at most 20 draws", told) == ["5", "10", "15"]
+    assert "no patient 0: " in told and "none in 20 draws; deform it less" in told
 
 
 @pytest.mark.parametrize(

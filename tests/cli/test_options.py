@@ -38,6 +38,8 @@ from naris.cli.options import ALLOWED, Range
         "fetch mean-nose -o out --timeout-s -1",
         "fetch mean-nose -o out --timeout-s 1e300",
         "fetch mean-nose -o out --attempts 0",
+        "anatomy sample -o out --around builtin --amplitude-mm 20",
+        "anatomy sample -o out --around builtin --amplitude-mm -1",
     ],
 )
 def test_a_number_out_of_range_gets_one_sentence_that_names_it(words: str, tmp_path: Path, monkeypatch, capfd) -> None:

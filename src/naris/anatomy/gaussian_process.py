@@ -11,6 +11,7 @@ moves with them (`naris.anatomy.carry`).
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,10 +24,12 @@ from naris.anatomy.shape_curves import MOST_SD
 from naris.core.anatomy import Anatomy, Between
 from naris.errors import InputError, PoseError
 
+log = logging.getLogger(__name__)
+
 _SPREAD = 0.6  # scales between the points that the process is computed at
 _KEPT = 1e-3  # modes with less than this share of the greatest are left out
 _MOST_POINTS = 1500
-_TRIES = 20
+_TRIES, _TOLD_EVERY = 20, 5  # draws
 _STEEPEST = 0.5
 """The greatest stretch of a step: below 1 it cannot fold, and it is known at the points of the process only."""
 
@@ -130,6 +133,8 @@ class GaussianProcess:
         rng = np.random.default_rng([seed, number])
         d, sided = self.deformation, self.has_sides
         for draw in range(1, _TRIES + 1):
+            if draw > 1 and draw % _TOLD_EVERY == 1:
+                log.info("patient %d: %d of at most %d draws cross walls or close passages", number, draw - 1, _TRIES)
             drawn = [np.clip(rng.standard_normal((modes.shape[1], n)), -MOST_SD, MOST_SD)
                      for modes, n in zip(self.modes, (1, 2), strict=True)]  # fmt: skip
             cycle = float(np.clip(rng.standard_normal(), -MOST_SD, MOST_SD))

@@ -68,6 +68,7 @@ ALLOWED: Mapping[str, Range] = {
     "step_mm": _LENGTH,
     "spacing_mm": _LENGTH,
     "thickness_mm": _LENGTH,
+    "amplitude_mm": Range(0, 5),  # at 4 hardly any draw leaves the passages of a nose open
     "noise_hu": Range(0),
     "blur_mm": Range(0),
     "metal": Range(0, 64),
