@@ -55,7 +55,7 @@ def patients() -> Iterator[tuple[Anatomy, str, float]]:
     for variant in VARIANTS:
         nose = virtual_patient(SEED, 0, variant)
         yield nose, variant, most_unlike_mm(nose, plain)
-    model = build_shape_model(built_in_nose(), list(virtual_references(MODELLED + 1))[1:])
+    model = build_shape_model(built_in_nose(), list(virtual_references(MODELLED + 1)))
     for number in range(OF_A_KIND):
         yield at_meatus(model.patient(SEED, number), f"shape model, {number}")
     process = GaussianProcess.around(built_in_nose(), Deformation(amplitude_mm=1.0, cycle_mm=0.6))

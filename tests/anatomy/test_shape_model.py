@@ -34,7 +34,7 @@ def wide(scale: float) -> Anatomy:
 
 @pytest.fixture(scope="module")
 def model() -> ShapeModel:
-    return build_shape_model(marked_tube(), [wide(scale) for scale in (0.7, 0.85, 1.15, 1.3)])
+    return build_shape_model(marked_tube(), [wide(scale) for scale in (0.7, 0.85, 1.0, 1.15, 1.3)])
 
 
 def test_one_way_to_differ_is_one_mode(model: ShapeModel) -> None:
@@ -60,7 +60,7 @@ def test_patients_are_of_the_family_and_the_same_again(model: ShapeModel) -> Non
 
 @pytest.mark.slow
 def test_some_noses_drawn_do_not_cross_themselves() -> None:
-    model = build_shape_model(built_in_nose(), list(virtual_references(3))[1:])
+    model = build_shape_model(built_in_nose(), list(virtual_references(3)))
     for number in range(3):
         nose = model.patient(0, number)
         assert len(crossings(nose.vertices_mm, nose.faces)) == 0
@@ -133,5 +133,15 @@ def test_a_damaged_one_is_refused(model: ShapeModel, tmp_path: Path, file: str, 
 
 
 def test_too_few_are_refused() -> None:
-    with pytest.raises(InputError, match="2 patients or more"):
-        build_shape_model(marked_tube(), [wide(1.1)])
+    with pytest.raises(InputError, match="3 patients or more"):
+        build_shape_model(marked_tube(), [wide(1.1), wide(0.9)])
+
+
+def test_the_mean_is_of_the_patients_alone() -> None:
+    """The reference counts where it is given as one of them, and else only gives its mesh."""
+    reference, patients = marked_tube(), [wide(scale) for scale in (1.2, 1.3, 1.4)]
+    without, with_it = (build_shape_model(reference, of) for of in (patients, [*patients, reference]))
+    assert (without.patients, with_it.patients) == (3, 4)
+    widths = [np.ptp(one.mean.vertices_mm[:, 0]) / np.ptp(reference.vertices_mm[:, 0]) for one in (without, with_it)]
+    assert widths[0] > 1.2
+    assert 4 * widths[1] == pytest.approx(3 * widths[0] + 1, abs=0.03)

@@ -131,7 +131,7 @@ def test_expert_labels_of_a_real_scan_are_met(shared_data: Path) -> None:
 
 @pytest.mark.slow
 def test_regions_carried_between_noses() -> None:
-    """One target, two references: the very function of the whole benchmark."""
+    """One target, three references: the very function of the whole benchmark."""
     request = BenchRequest(quick=True)
     figures = {one.name: one for one in of_transfers(request, references_of(request))}
     assert figures["anatomy.transfer.region_accuracy"].value > 0.75

@@ -15,9 +15,9 @@ from tests.anatomy.test_correspondence import marked_tube, moved
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    """A reference, and tubes of two other widths."""
+    """A reference, and tubes of three other widths."""
     root = tmp_path_factory.mktemp("patients")
-    tubes = [marked_tube(), *(moved(marked_tube(), lambda p, s=s: p * [s, 1, 1]) for s in (0.8, 1.2))]
+    tubes = [marked_tube(), *(moved(marked_tube(), lambda p, s=s: p * [s, 1, 1]) for s in (0.8, 0.95, 1.2))]
     for number, tube in enumerate(tubes):
         save_anatomy(tube, root / str(number))
     return [str(root / str(number)) for number in range(len(tubes))]
@@ -69,7 +69,10 @@ def test_what_cannot_be_is_refused(folders: list[str], tmp_path: Path, capfd: py
     (tmp_path / "notes" / "mine.txt").write_text("mine")
     out = ["-o", str(tmp_path / "model"), "--reference", folders[0], "--quiet"]
     for words, says in (
-        (["anatomy", "shape-model", folders[1], *out], "2 patients or more"),
+        (["anatomy", "shape-model", *folders[1:3], *out], "3 patients or more"),
+        (["anatomy", "shape-model", *folders[1:], f"{folders[2]}/anatomy.json", *out], "every patient once"),
+        (["anatomy", "shape-model", *folders[1:], folders[1], *out], "every patient once"),
+        (["anatomy", "shape-model", "--virtual", "2", *out], "--virtual 3 or more"),
         (["anatomy", "shape-model", *folders[1:], *out, "--virtual", "3"], "--virtual without patients"),
         (["anatomy", "shape-model", *folders[1:], "-o", str(tmp_path / "notes")], "other files"),
         (["anatomy", "sample", "-o", str(tmp_path / "new"), "--model", str(tmp_path / "notes")], "a shape model"),

@@ -101,21 +101,21 @@ class ShapeModel:
 
 
 def build_shape_model(reference: Anatomy, patients: Sequence[Anatomy], progress: Progress = SILENT) -> ShapeModel:
-    """The mean of a reference and patients, and their modes (some seconds a patient).
+    """The mean of patients, and their modes (some seconds a patient).
 
     Args:
-        reference: whose mesh, regions and passages the model has; it counts as one of the patients.
+        reference: whose mesh, regions and passages the model has; its own shape counts only if it is also a patient.
         patients: with the landmarks that `correspond` asks for, as they lay in their scanners.
         progress: told of every patient.
 
     Raises:
-        InputError: if there are fewer than `FEWEST` in all, or the reference cannot be laid on one of them.
+        InputError: if there are fewer patients than `FEWEST`, or the reference cannot be laid on one of them.
         PoseError: if the reference's passages leave the lumen of the mean shape.
     """
-    if len(patients) + 1 < FEWEST:
-        raise InputError(f"a reference and {FEWEST - 1} patients or more", f"{len(patients)}", "give more patients")
-    shapes = [reference.vertices_mm]
-    residuals = []
+    if len(patients) < FEWEST:
+        hint = "give more patients; the reference counts only where it is given as one of them"
+        raise InputError(f"{FEWEST} patients or more", f"{len(patients)}", hint)
+    shapes, residuals = [], []
     with progress.task("patients", len(patients)) as advance:
         for patient in patients:
             found = correspond(reference, patient)

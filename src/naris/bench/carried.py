@@ -18,7 +18,7 @@ from naris.bench import BenchRequest
 from naris.bench.result import Figure
 from naris.core.anatomy import NOWHERE, Anatomy, RegionSet
 
-REFERENCES, QUICK_REFERENCES = 12, 2
+REFERENCES, QUICK_REFERENCES = 12, 3
 TARGETS, QUICK_TARGETS = 10, 1
 SAMPLES, QUICK_SAMPLES = 8, 1
 MODELLED = 8  # references that the shape model of the samples is built of

@@ -13,6 +13,7 @@ from naris.cli.options import IfGiven, refuse
 
 if TYPE_CHECKING:
     from naris.anatomy.shape_model import ShapeModel
+    from naris.core.anatomy import Anatomy
 
 PAGE = "shape_model.html"
 _VIRTUAL = 24
@@ -25,11 +26,12 @@ class Options:
     patients: Annotated[
         tyro.conf.Positional[tuple[str, ...]], tyro.conf.arg(metavar="ANATOMY", help_behavior_hint="(optional)")
     ] = ()
-    """Anatomies of patients, such as folders of naris anatomy from-ct or sample; by default virtual noses."""
+    """Three anatomies of patients or more, each once, such as folders of naris anatomy from-ct or sample; by default
+    virtual noses."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = Path("out/shape-model")
     """Folder for the model: new, empty, or one made by this command."""
     reference: Annotated[str, tyro.conf.arg(metavar="ANATOMY")] = "builtin"
-    """Whose mesh, regions and passages the model has."""
+    """Whose mesh, regions and passages the model has; its own shape counts only if it is given as a patient, too."""
     virtual: IfGiven[int] = None
     """How many virtual noses to build it of; 24 when not given. Not with patients."""
 
@@ -51,12 +53,13 @@ def run(options: Options, console: Console) -> int:
     if options.patients:
         refuse(options, ("virtual",), "without patients", f"{len(options.patients)} of them")
         patients = [open_anatomy(one)[0] for one in options.patients]
+        _check_once(options.patients, patients)
         for patient in patients:
             check_laid(patient)
     else:
         count, patients = options.virtual or _VIRTUAL, []
-        if count < FEWEST - 1:
-            raise InputError(f"--virtual {FEWEST - 1} or more", f"{count}", "a model needs some noses to differ")
+        if count < FEWEST:
+            raise InputError(f"--virtual {FEWEST} or more", f"{count}", "a model needs some noses to differ")
         with console.progress.task("virtual noses", count) as advance:
             for number, nose in enumerate(virtual_references(count + 1)):
                 if number:  # the first is the built-in nose itself
@@ -69,6 +72,18 @@ def run(options: Options, console: Console) -> int:
     write_text(options.out / PAGE, shape_model_page(model, _facts(data)))
     console.answer(data, _text(data))
     return 0
+
+
+def _check_once(words: tuple[str, ...], patients: list[Anatomy]) -> None:
+    """See that no patient counts twice."""
+    from naris.errors import InputError
+
+    known: dict[str, str] = {}
+    for word, patient in zip(words, patients, strict=True):
+        if patient.digest in known:
+            got = f"the same nose in {known[patient.digest]} and {word}"
+            raise InputError("every patient once", got, "leave one of them out")
+        known[patient.digest] = word
 
 
 def interrupted(options: Options) -> str:
