@@ -33,6 +33,7 @@ from naris.register.starts import NOTHING, Belief, Starts, in_region, near
 FROZEN, MEAN = "registration-trials/trials.npz", "mean-nose/ASR.ply"
 PATIENTS, VIEWS = 20, 10
 QUICK_PATIENTS, QUICK_VIEWS = 1, 4
+OF_PATIENTS = ".patients"
 FROM_POSE = RegisterConfig(starts=8, finalists=1)
 GOALS = {
     "region": {"a": 1.0, "b": 0.85, "c": 0.70, "d": 0.80},
@@ -78,8 +79,8 @@ class Setting:
 
 
 def measure(request: BenchRequest) -> Measurement:
-    """All figures: on the frozen trials under their own names, on virtual patients with `.patients` behind."""
-    sets = list(_sets(request))
+    """All figures: on virtual patients with `.patients` behind their names, then on the frozen trials."""
+    sets = _sets(request)
     figures: list[Figure] = []
     known: dict[str, list[Outcome]] = {}
     for suffix, settings in sets:
@@ -93,20 +94,13 @@ def measure(request: BenchRequest) -> Measurement:
         for noise in ("b", "c"):
             done = _run(request, f"three views {noise}{suffix}", settings, noise, "views3")
             figures += _of(f"register.views3.{noise}{suffix}", done, "views3", noise)
-    last = sets[-1][0]
-    unsure = [one for noise in "bcd" for one in known[f"none.{noise}{last}"]]
+    unsure = [one for noise in "bcd" for one in known[f"none.{noise}{OF_PATIENTS}"]]
     figures += of_confidence(unsure)
-    figures += [_solve_ms(sets[0][1][0]), _wrong_patient(request, sets[-1][1])]
+    figures += [_solve_ms(sets[-1][1][0]), _wrong_patient(request, sets[0][1])]
     return Measurement(tuple(figures), _inputs(request))
 
 
 def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
-    sets = []
-    if request.scans is not None and (request.scans / FROZEN).is_file() and (request.scans / MEAN).is_file():
-        # The frozen poses lie inside the closed surface itself, not in the air between its walls.
-        mean = read_surface(request.scans / MEAN).with_(airspace=Enclosed(), passages=())
-        trials = frozen_trials(request.scans / FROZEN, mean.frame)
-        sets.append(("", [Setting(mean, trials[:QUICK_VIEWS] if request.quick else trials)]))
     count, views = (QUICK_PATIENTS, QUICK_VIEWS) if request.quick else (PATIENTS, VIEWS)
     patients = []
     with request.progress.task("virtual patients", count) as advance:
@@ -114,7 +108,13 @@ def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
             nose = virtual_patient(_OTHERS + request.seed, number)
             patients.append(Setting(nose, drawn_trials(nose, views, request.seed + number)))
             advance(1)
-    return [*sets, (".patients", patients)]
+    sets = [(OF_PATIENTS, patients)]
+    if request.scans is not None and (request.scans / FROZEN).is_file() and (request.scans / MEAN).is_file():
+        # The frozen poses lie inside the closed surface itself, not in the air between its walls.
+        mean = read_surface(request.scans / MEAN).with_(airspace=Enclosed(), passages=())
+        trials = frozen_trials(request.scans / FROZEN, mean.frame)
+        sets.append(("", [Setting(mean, trials[:QUICK_VIEWS] if request.quick else trials)]))
+    return sets
 
 
 def _run(request: BenchRequest, what: str, settings: Sequence[Setting], noise: Noise, start: str) -> list[Outcome]:
