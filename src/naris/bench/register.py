@@ -10,7 +10,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -20,7 +19,7 @@ from naris.anatomy.read import read_surface
 from naris.bench import BenchRequest, Measurement
 from naris.bench.result import Figure
 from naris.bench.trials import NOISES, Noise, Trial, drawn_trials, frozen_trials, neighbours_of
-from naris.core.anatomy import Anatomy, Enclosed
+from naris.core.anatomy import Enclosed
 from naris.core.pose import CAMERA, Pose, distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
@@ -31,7 +30,7 @@ from naris.register.solve import coarse
 from naris.register.starts import NOTHING, Belief, Starts, in_region, near
 
 FROZEN, MEAN = "registration-trials/trials.npz", "mean-nose/ASR.ply"
-PATIENTS, VIEWS = 20, 10
+PATIENTS, VIEWS = 20, 5
 QUICK_PATIENTS, QUICK_VIEWS = 1, 4
 OF_PATIENTS = ".patients"
 FROM_POSE = RegisterConfig(starts=8, finalists=1)
@@ -70,12 +69,8 @@ class Outcome:
 class Setting:
     """An anatomy, prepared once for all its trials, and those."""
 
-    anatomy: Anatomy
+    at: RegistrationMap
     trials: Sequence[Trial]
-
-    @cached_property
-    def at(self) -> RegistrationMap:
-        return registration_map(self.anatomy)
 
 
 def measure(request: BenchRequest) -> Measurement:
@@ -106,14 +101,14 @@ def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
     with request.progress.task("virtual patients", count) as advance:
         for number in range(count):
             nose = virtual_patient(_OTHERS + request.seed, number)
-            patients.append(Setting(nose, drawn_trials(nose, views, request.seed + number)))
+            patients.append(Setting(registration_map(nose), drawn_trials(nose, views, request.seed + number)))
             advance(1)
     sets = [(OF_PATIENTS, patients)]
     if request.scans is not None and (request.scans / FROZEN).is_file() and (request.scans / MEAN).is_file():
         # The frozen poses lie inside the closed surface itself, not in the air between its walls.
         mean = read_surface(request.scans / MEAN).with_(airspace=Enclosed(), passages=())
         trials = frozen_trials(request.scans / FROZEN, mean.frame)
-        sets.append(("", [Setting(mean, trials[:QUICK_VIEWS] if request.quick else trials)]))
+        sets.append(("", [Setting(registration_map(mean), trials[:QUICK_VIEWS] if request.quick else trials)]))
     return sets
 
 
@@ -254,7 +249,7 @@ def _wrong_patient(request: BenchRequest, settings: Sequence[Setting]) -> Figure
 
 def _stranger(request: BenchRequest) -> Setting:
     nose = virtual_patient(_OTHERS + request.seed, PATIENTS)
-    return Setting(nose, ())
+    return Setting(registration_map(nose), ())
 
 
 def _warm_up(setting: Setting) -> None:
