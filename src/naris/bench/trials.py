@@ -1,7 +1,7 @@
 """Registration trials: poses inside an anatomy and what a camera there sees, with four kinds of noise.
 
 The frozen trials lie in the mean nose; others of the same kind are drawn here. A camera has 64 × 64 rays over 80°, at
-least 1 mm of room, looks up to 90° off the way inwards and is rolled by up to 30°.
+least 1 mm of room and a median depth of 3 mm, looks up to 90° off the way inwards and is rolled by up to 30°.
 
 a: clean. b: ranges with a smooth relative error of 5 % and 0.3 mm each. c: b times an unknown scale of 0.5 to 2.
 d: 300 to 600 points with 0.5 mm in every direction, a tenth of them anywhere along their rays.
@@ -26,16 +26,19 @@ from naris.register.directions import rotations
 from naris.register.map import registration_map
 from naris.register.observation import KNOWN, UNKNOWN, DepthNoise, Observation, PointNoise, from_points, from_ranges
 from naris.render.scene import Scene, render
+from naris.render.viewpoints import sees_ahead
 
 Noise = Literal["a", "b", "c", "d"]
 NOISES: tuple[Noise, ...] = ("a", "b", "c", "d")
 PIXELS, FOV_DEG = 64, 80.0
 CAMERA_OF_TRIALS = Intrinsics.from_vertical_fov(PIXELS, PIXELS, FOV_DEG)
 _ROOM_MM, _TILT_DEG, _ROLL_DEG = 1.0, 90.0, 30.0
+_LEAST_DEPTH_MM = 3.0  # that of the frozen trials: of a nearer wall one sees nothing but wall
 _SMOOTH, _SMOOTH_PX, _PIXEL_MM = 0.05, 5.25, 0.3
 _SCALES = (0.5, 2.0)
 _POINTS, _POINT_MM, _OUTLIERS = (300, 600), 0.5, 0.1
 _LEAST_RANGE_MM = 0.2
+_TRIES = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +122,17 @@ def _poses(anatomy: Anatomy, count: int, rng: np.random.Generator) -> Pose:
     label = anatomy.region_set().label(places)
     names = np.unique(label[label >= 0])
     wanted = names[np.arange(count) % len(names)]
-    place = np.stack([places[rng.choice(np.flatnonzero(label == k))] for k in wanted])
-    turns = rotations(at.inward, _TILT_DEG, _ROLL_DEG, 5.0)
-    return Pose.of(turns[rng.integers(len(turns), size=count)], place, anatomy.frame, CAMERA)
+    turns, scene = rotations(at.inward, _TILT_DEG, _ROLL_DEG, 5.0), Scene(anatomy)
+    chosen = np.zeros((count, 4, 4))
+    left = np.arange(count)
+    for _ in range(_TRIES):
+        place = np.stack([places[rng.choice(np.flatnonzero(label == k))] for k in wanted[left]])
+        poses = Pose.of(turns[rng.integers(len(turns), size=len(left))], place, anatomy.frame, CAMERA)
+        chosen[left] = poses.matrix
+        left = left[~sees_ahead(scene, poses, _LEAST_DEPTH_MM)]
+        if not len(left):
+            break
+    return Pose(chosen, anatomy.frame, CAMERA)
 
 
 def _trials(anatomy: Anatomy, poses: Pose, rng: np.random.Generator) -> Iterator[Trial]:
