@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,14 +11,13 @@ from naris.anatomy.airspace import Envelope, envelope
 from naris.anatomy.kernels import interpolate
 from naris.anatomy.triangles import Closest, TriangleIndex, index_triangles
 from naris.core.anatomy import Anatomy, Between
+from naris.core.kept import Kept
 from naris.errors import InputError
 
 SPACING_MM = 0.5
 _MARGIN_NODES = 2
 _MOST_NODES = 200_000_000
-_KEPT = 4
-_kept: OrderedDict[tuple[str, float, float], SignedDistance] = OrderedDict()
-_kept_lock = threading.Lock()
+_kept: Kept[SignedDistance] = Kept(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +120,7 @@ def signed_distance(
         InputError: if the spacing is not positive, or asks for more than 200 million nodes.
     """
     key = (anatomy.digest, float(spacing_mm), float(tissue_to_mm))
-    with _kept_lock:
-        if key not in _kept:
-            _kept[key] = _compute(anatomy, float(spacing_mm), float(tissue_to_mm))
-            while len(_kept) > _KEPT:
-                _kept.popitem(last=False)
-        _kept.move_to_end(key)
-        return _kept[key]
+    return _kept.get(key, lambda: _compute(anatomy, float(spacing_mm), float(tissue_to_mm)))
 
 
 def _compute(anatomy: Anatomy, spacing_mm: float, tissue_to_mm: float) -> SignedDistance:

@@ -23,6 +23,7 @@ from naris.core.anatomy import Enclosed
 from naris.core.pose import CAMERA, Pose, distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
+from naris.evaluate.score import reliability
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.observation import Observation, together
 from naris.register.register import RegisterConfig, register
@@ -190,7 +191,7 @@ def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
     return [
         Figure(f"{base}.auroc", auroc, "1", n if auroc is not None else 0, "higher", 0.97),
         Figure(f"{base}.false_accept_at_80", float((~right[taken]).mean()), "1", n, "lower", 0.01),
-        Figure(f"{base}.ece", _calibration_error(said, right), "1", n, "lower", 0.03),
+        Figure(f"{base}.ece", reliability(said, right).ece, "1", n, "lower", 0.03),
         Figure(
             f"{base}.accepted", float(np.mean([one.result.status == "registered" for one in done])), "1", n, "higher"
         ),
@@ -209,13 +210,6 @@ def _auroc(score: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]) -> float
         return None
     above = score[right][:, None] - score[~right][None]
     return float((above > 0).mean() + 0.5 * (above == 0).mean())
-
-
-def _calibration_error(said: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"], bins: int = 10) -> float:
-    """Expected calibration error over bins of equal width (Guo et al. 2017)."""
-    bin_of = np.minimum((said * bins).astype(int), bins - 1)
-    gaps = [abs(said[bin_of == b].mean() - right[bin_of == b].mean()) * (bin_of == b).mean() for b in np.unique(bin_of)]
-    return float(np.sum(gaps))
 
 
 def _solve_ms(setting: Setting) -> Figure:

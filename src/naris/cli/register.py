@@ -10,6 +10,7 @@ import tyro
 
 from naris.cli.console import Console
 from naris.cli.options import IfGiven, refuse
+from naris.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -106,15 +107,10 @@ def interrupted(options: Options) -> str:
 
 
 def _check(options: Options) -> None:
-    from naris.errors import InputError
-
-    if (options.depth is None) == (options.cloud is None):
-        got = "both" if options.depth is not None else "neither"
-        raise InputError("either --depth or --cloud", got, "give what the camera saw")
+    if options.depth is not None and options.cloud is not None:
+        raise InputError("either --depth or --cloud", "both", "give one of them")
     if options.cloud is not None:
         refuse(options, ("intrinsics", "depth_unit_mm", "smooth_error"), "only with --depth", "--cloud")
-    elif options.intrinsics is None:
-        raise InputError("--intrinsics with --depth", "none", "give the camera of the depth image")
     if options.scale != "prior":
         refuse(options, ("scale_factor", "scale_spread"), "only with --scale prior", f"--scale {options.scale}")
     elif options.scale_factor is None:
@@ -136,8 +132,10 @@ def _observation(options: Options) -> tuple[Observation, Intrinsics | None]:
     if options.cloud is not None:
         noise = PointNoise() if options.noise is None else PointNoise(options.noise)
         return from_points(read_cloud(options.cloud), noise, scale), None
-    if options.intrinsics is None or options.depth is None:
-        return _observation(replace(options, cloud=options.depth))  # `_check` lets nobody come here
+    if options.depth is None:
+        raise InputError("either --depth or --cloud", "neither", "give what the camera saw")
+    if options.intrinsics is None:
+        raise InputError("--intrinsics with --depth", "none", "give the camera of the depth image")
     intrinsics, plain = read_intrinsics(options.intrinsics), DepthNoise()
     of_depth = DepthNoise(
         plain.smooth if options.smooth_error is None else options.smooth_error,

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import ctypes
-import threading
-from collections import OrderedDict
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from naris.anatomy.distance import SignedDistance, signed_distance
 from naris.core.anatomy import Anatomy, Between
-from naris.core.cores import cores
+from naris.core.kept import Kept
 from naris.errors import SurfaceError
 from naris.register.directions import texel_directions
 from naris.register.kernels import cast
 from naris.register.rays import memory_for, rays_of
+from naris.register.threads import spread
 from naris.render.embree import ARGUMENTS, PacketScene, library
 from naris.render.geometry import geometry_of
 from naris.render.packets import Embree
@@ -30,9 +27,7 @@ TEXELS = 32
 """Edge of the square that everything around a place is told on: about 6° a texel."""
 _STEPS_PER_FACTOR = 40.0
 _LEAST_MM = 0.25
-_KEPT = 4
-_kept: OrderedDict[tuple[str, float, float], RegistrationMap] = OrderedDict()
-_lock = threading.Lock()
+_kept: Kept[RegistrationMap] = Kept(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +64,7 @@ def registration_map(anatomy: Anatomy, places_mm: float = PLACES_MM, room_mm: fl
         SurfaceError: if there is no room for a camera anywhere inside.
         EngineUnavailable: if rays cannot be shot on this machine.
     """
-    key = (anatomy.digest, places_mm, room_mm)
-    with _lock:
-        if key not in _kept:
-            _kept[key] = _made(anatomy, places_mm, room_mm)
-            while len(_kept) > _KEPT:
-                _kept.popitem(last=False)
-        _kept.move_to_end(key)
-        return _kept[key]
+    return _kept.get((anatomy.digest, places_mm, room_mm), lambda: _made(anatomy, places_mm, room_mm))
 
 
 def quantised(ranges: Float[np.ndarray, "*n"]) -> UInt8[np.ndarray, "*n"]:
@@ -128,16 +116,14 @@ def _panoramas(embree: Embree, places_mm: Float[np.ndarray, "p 3"]) -> UInt8[np.
     rays = rays_of(np.zeros_like(directions), directions, np.ones(n), np.ones(n), np.ones(n))
     seen = np.zeros((len(places_mm), n), np.uint8)
 
-    def look(part: tuple[int, int]) -> None:
+    def look(first: int, last: int) -> None:
         memory, pose = memory_for(rays), np.eye(4)
-        for k in range(*part):
+        for k in range(first, last):
             pose[:3, 3] = places_mm[k]
             cast(embree, rays, pose, 1.0, memory)
             seen[k] = quantised(np.abs(memory.hit[:n]))
 
-    edges = np.linspace(0, len(places_mm), 4 * cores() + 1).astype(int).tolist()
-    with ThreadPoolExecutor(cores(), thread_name_prefix="panoramas") as pool:
-        list(pool.map(look, pairwise(edges)))
+    spread(look, len(places_mm))
     return seen
 
 

@@ -139,7 +139,10 @@ class Observation:
         """At most so many of its rays, evenly chosen of each view."""
         if len(self) <= most:
             return self
-        chosen = _evenly(self.view, most)
+        return self.rows(_evenly(self.view, most))
+
+    def rows(self, chosen: np.ndarray) -> Observation:
+        """Some of its rays, by number or by a mask, in that order."""
         parts: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _ARRAYS}
         return replace(self, **parts)
 
@@ -333,6 +336,4 @@ def _checked(observation: Observation) -> Observation:
         raise InputError(
             f"distances of {_NEAR_MM:g} to {_FAR_MM:g} mm", f"a median of {median * scale.factor:.3g}", hint
         )
-    order = np.argsort(_morton(observation.directions), kind="stable")
-    parts: dict[str, Any] = {name: getattr(observation, name)[order] for name in _ARRAYS}
-    return replace(observation, **parts)
+    return observation.rows(np.argsort(_morton(observation.directions), kind="stable"))

@@ -164,8 +164,7 @@ def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, cou
         raise RegionError(
             f"room for a camera in one of the regions {sorted(belief.chances)}", "none", "name another region"
         )
-    first_view = observation.view == 0
-    few = _first_view(observation, first_view).some(_LOOKED_AT)
+    few = observation.rows(observation.view == 0).some(_LOOKED_AT)
     turns = _rotations(tuple(at.inward.tolist()), belief.orientation)
     where = texels((turns @ few.directions.T).transpose(0, 2, 1), TEXELS).astype(np.int32)
     scale = observation.scale
@@ -185,16 +184,6 @@ def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, cou
     poses[:, :3, :3], poses[:, :3, 3] = turns[turn[place, k]], at.places_mm[chosen[place]]
     log_scales = -factor_of(shift[place, k]) if scale.free else np.zeros(len(order))
     return Starts(poses, log_scales + (np.log(scale.factor) if scale.kind != "unknown" else 0.0))
-
-
-def _first_view(observation: Observation, rows: np.ndarray) -> Observation:
-    from dataclasses import replace
-
-    parts = {
-        name: getattr(observation, name)[rows]
-        for name in ("origins", "directions", "ranges", "radial", "isotropic", "view")
-    }
-    return replace(observation, **parts)
 
 
 def _shifts(observation: Observation) -> tuple[int, int]:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
-from naris.core.cores import cores
+from naris.core.cores import cores, pool
 
 _PIECES = 4
 
@@ -24,10 +21,4 @@ def spread(work: Callable[[int, int], None], count: int, *, pieces: int | None =
         for first, last in pairwise(edges):
             work(first, last)
         return
-    list(_pool(threads, os.getpid()).map(lambda part: work(*part), pairwise(edges)))
-
-
-@lru_cache(maxsize=2)
-def _pool(threads: int, process: int) -> ThreadPoolExecutor:
-    """The threads of a process: a forked one inherits the pool without its threads, and needs its own."""
-    return ThreadPoolExecutor(threads, thread_name_prefix="naris-register")
+    list(pool(threads).map(lambda part: work(*part), pairwise(edges)))

@@ -9,9 +9,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import itertools
-import os
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from jaxtyping import Float32
 
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Intrinsics
+from naris.core.cores import pool
 from naris.render.develop import PAD
 from naris.render.embree import ARGUMENTS, PacketScene, library
 from naris.render.geometry import geometry_of
@@ -80,7 +79,7 @@ class FastEngine:
             render_frames(self._embree, camera, surface, poses, tables, seeds, piece, out, scratch, sources)
 
         pieces = _pieces(len(shot), shot.threads)
-        list(map(work, pieces) if len(pieces) <= 1 else _pool(shot.threads, os.getpid()).map(work, pieces))
+        list(map(work, pieces) if len(pieces) <= 1 else pool(shot.threads).map(work, pieces))
         return _as_pictures(out, shot)
 
 
@@ -105,12 +104,6 @@ def _pieces(frames: int, threads: int) -> list[tuple[int, int]]:
     count = 1 if threads == 1 else min(frames, 4 * threads)
     edges = np.linspace(0, frames, count + 1).astype(int).tolist()
     return [(a, b) for a, b in itertools.pairwise(edges) if b > a]
-
-
-@lru_cache(maxsize=4)
-def _pool(threads: int, process: int) -> ThreadPoolExecutor:
-    """The threads of a process: a forked one inherits the pool without its threads, and needs its own."""
-    return ThreadPoolExecutor(threads, thread_name_prefix="naris-render")
 
 
 @lru_cache(maxsize=16)
