@@ -14,7 +14,7 @@ from importlib import resources
 import numpy as np
 from jaxtyping import Float, Int
 
-from naris.register.kernels import cast
+from naris.register.equations import cast
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
 from naris.register.rays import memory_for, prepared

@@ -13,7 +13,7 @@ from naris.core.anatomy import Anatomy, Between
 from naris.core.kept import Kept
 from naris.errors import SurfaceError
 from naris.register.directions import texel_directions
-from naris.register.kernels import cast
+from naris.register.equations import cast
 from naris.register.rays import memory_for, rays_of
 from naris.register.threads import spread
 from naris.render.embree import ARGUMENTS, PacketScene, library

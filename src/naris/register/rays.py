@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from naris.register.kernels import NEAREST, ON_RAY, RANGES, Memory, Model, Rays
+from naris.register.equations import NEAREST, ON_RAY, RANGES, Memory, Model, Rays, Sight
 from naris.register.observation import Observation
 from naris.register.smooth import SmoothError, smooth_error
 from naris.render.fast import aligned
 from naris.render.lanes import LANES
 from naris.render.packets import PACKET_FIELDS, Packet
+from naris.render.sources import OF_PACKETS, sources_of
 
 if TYPE_CHECKING:
     from naris.register.map import RegistrationMap
@@ -99,6 +100,11 @@ def rays_of(
     )
 
 
+def sight(at: RegistrationMap, rays: Rays, model: Model) -> Sight:
+    """All that one thread needs for the equations of an observation."""
+    return Sight(at.embree, rays, model, memory_for(rays), _sources())
+
+
 def memory_for(rays: Rays) -> Memory:
     """Working memory for one thread."""
     wide, narrow = aligned(PACKET_FIELDS * LANES, np.float32), aligned(PACKET_FIELDS * LANES, np.float32)
@@ -137,3 +143,8 @@ def _fields(observation: Observation) -> SmoothError:
 def _field_of(directions: bytes, sd: float, reach_deg: float, most: int) -> SmoothError:
     """Kept for the next picture of the same camera."""
     return smooth_error(np.frombuffer(directions, np.float64).reshape(-1, 3), sd, reach_deg, most)
+
+
+@lru_cache(maxsize=1)
+def _sources() -> np.ndarray:
+    return sources_of("naris.register.equations", "naris.register.steps", "naris.anatomy.kernels", *OF_PACKETS)

@@ -7,16 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from naris.register.kernels import MOST_UNKNOWNS, Model, Rays, judge, solve
+from naris.register.equations import MOST_UNKNOWNS, Model, Rays
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
-from naris.register.rays import memory_for, prepared
+from naris.register.rays import prepared, sight
 from naris.register.starts import Starts
+from naris.register.steps import Schedule, States, judge, solve
 from naris.register.threads import spread
 
 COARSE_RAYS = 256
-COARSE_WIDTHS, COARSE_STEPS = (4.0, 1.0), (6, 6)
-FINE_WIDTHS, FINE_STEPS = (1.0,), (15,)
+COARSE = Schedule(np.array([4.0, 1.0]), np.array([6, 6]))
+FINE = Schedule(np.array([1.0]), np.array([15]))
 _COARSE_OUTLIERS = 0.1
 _SAME_MM, _SAME_RAD = 0.5, 0.07
 
@@ -49,13 +50,13 @@ def coarse(at: RegistrationMap, observation: Observation, starts: Starts, *, mos
     """From all starts on some of the rays, the smooth error counted as noise."""
     rays, model = prepared(at, observation.some(most_rays), smooth=False)
     model = model._replace(outliers=max(model.outliers, _COARSE_OUTLIERS))
-    return _solved(at, rays, model, starts, COARSE_WIDTHS, COARSE_STEPS)
+    return _solved(at, rays, model, starts, COARSE)
 
 
 def fine(at: RegistrationMap, observation: Observation, starts: Starts) -> Solutions:
     """On all rays, with the smooth error."""
     rays, model = prepared(at, observation, smooth=True)
-    return _solved(at, rays, model, starts, FINE_WIDTHS, FINE_STEPS, want_matrices=True)
+    return _solved(at, rays, model, starts, FINE, want_matrices=True)
 
 
 def _solved(
@@ -63,45 +64,29 @@ def _solved(
     rays: Rays,
     model: Model,
     starts: Starts,
-    widths: tuple[float, ...],
-    steps: tuple[int, ...],
+    schedule: Schedule,
     *,
     want_matrices: bool = False,
 ) -> Solutions:
     n = len(starts.poses)
-    poses, log_scales = starts.poses.copy(), starts.log_scales.astype(np.float64)
-    smooth, costs = np.zeros((n, MOST_UNKNOWNS)), np.zeros(n)
+    states = States(
+        starts.poses.copy(), starts.log_scales.astype(np.float64), np.zeros((n, MOST_UNKNOWNS)), np.zeros(n)
+    )
     unknowns = 6 + model.free + model.smooth
     matrices = np.zeros((n, unknowns, unknowns)) if want_matrices else None
 
     def work(first: int, last: int) -> None:
-        memory = memory_for(rays)
-        solve(
-            at.embree,
-            rays,
-            model,
-            poses,
-            log_scales,
-            smooth,
-            np.array(widths),
-            np.array(steps),
-            memory,
-            first,
-            last,
-            costs,
-        )
+        seen = sight(at, rays, model)
+        solve(seen, states, schedule, first, last)
         if matrices is not None:
-            part = slice(first, last)
-            judge(
-                at.embree, rays, model, poses[part], log_scales[part], smooth[part], memory, costs[part], matrices[part]
-            )
+            judge(seen, states, first, last, matrices)
 
     spread(work, n, pieces=n if want_matrices else None)
-    order = np.argsort(costs, kind="stable")
+    order = np.argsort(states.costs, kind="stable")
     return Solutions(
-        poses[order],
-        log_scales[order],
-        costs[order],
+        states.poses[order],
+        states.log_scales[order],
+        states.costs[order],
         int((rays.valid != 0).sum()),
         model,
         None if matrices is None else matrices[order],

@@ -13,8 +13,8 @@ from naris.core.anatomy import NOWHERE, RegionSet
 from naris.core.pose import Pose
 from naris.core.results import Prediction
 from naris.errors import InputError, PoseError, RegionError
+from naris.register.compare import Fits, Search, compare
 from naris.register.directions import rotations, texels
-from naris.register.kernels import compare
 from naris.register.map import TEXELS, RegistrationMap, factor_of, quantised, steps_of
 from naris.register.observation import Observation
 from naris.register.threads import spread
@@ -169,20 +169,20 @@ def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, cou
     where = texels((turns @ few.directions.T).transpose(0, 2, 1), TEXELS).astype(np.int32)
     scale = observation.scale
     ranges = few.ranges * (scale.factor if scale.kind != "unknown" else 1.0)
-    shifts = _shifts(observation)
     best = np.full((len(chosen), _FEW), 2**30, np.int32)
-    turn, shift = np.zeros_like(best), np.zeros_like(best)
-    panoramas, seen = at.panoramas[chosen], quantised(ranges).astype(np.int32)
+    fits = Fits(best, np.zeros_like(best), np.zeros_like(best))
+    seen = quantised(ranges).astype(np.int32)
+    search = Search(at.panoramas[chosen], seen, where, int(scale.free), _CAP, _shifts(observation))
 
     def work(first: int, last: int) -> None:
-        compare(panoramas, seen, where, int(scale.free), _CAP, shifts, first, last, best, turn, shift)
+        compare(search, first, last, fits)
 
     spread(work, len(chosen))
     order = _stratified(best, chance[chosen], count)
     place, k = order // _FEW, order % _FEW
     poses = np.tile(np.eye(4), (len(order), 1, 1))
-    poses[:, :3, :3], poses[:, :3, 3] = turns[turn[place, k]], at.places_mm[chosen[place]]
-    log_scales = -factor_of(shift[place, k]) if scale.free else np.zeros(len(order))
+    poses[:, :3, :3], poses[:, :3, 3] = turns[fits.turn[place, k]], at.places_mm[chosen[place]]
+    log_scales = -factor_of(fits.shift[place, k]) if scale.free else np.zeros(len(order))
     return Starts(poses, log_scales + (np.log(scale.factor) if scale.kind != "unknown" else 0.0))
 
 

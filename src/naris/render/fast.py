@@ -7,11 +7,9 @@ pictures are the same for any number of threads and any batch.
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import itertools
 import threading
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32
@@ -29,9 +27,13 @@ from naris.render.packets import PACKET_FIELDS, Embree, Packet
 from naris.render.rays import ray_table
 from naris.render.scene import Rendering, Shot
 from naris.render.shading import METER_BINS
+from naris.render.sources import OF_PACKETS, sources_of
 
 _ALIGNMENT = 64
-_MODULES = ("develop", "kernel", "lanes", "look", "noise", "packets", "shading", "wall")
+_MODULES = (
+    *OF_PACKETS,
+    *(f"naris.render.{name}" for name in ("develop", "kernel", "look", "noise", "shading", "wall")),
+)
 _local = threading.local()
 
 
@@ -92,11 +94,7 @@ def _planes(rows: Float32[np.ndarray, "v c"]) -> Float32[np.ndarray, "c v16"]:
 
 @lru_cache(maxsize=1)
 def _sources() -> np.ndarray:
-    """An array whose type changes with the kernel's sources: numba looks at one file only when it takes old code."""
-    hasher = hashlib.sha256()
-    for name in _MODULES:
-        hasher.update(Path(__file__).with_name(f"{name}.py").read_bytes())
-    return np.zeros(1, [(f"sources_{hasher.hexdigest()[:16]}", np.int32)])
+    return sources_of(*_MODULES)
 
 
 def _pieces(frames: int, threads: int) -> list[tuple[int, int]]:

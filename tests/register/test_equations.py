@@ -5,9 +5,9 @@ import pytest
 
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
-from naris.register.kernels import MOST_UNKNOWNS, cast, linearise
+from naris.register.equations import MOST_UNKNOWNS, Equations, cast, linearise
 from naris.register.observation import DepthNoise, PointNoise, Scale, from_points, from_ranges, together
-from naris.register.rays import memory_for, prepared
+from naris.register.rays import memory_for, prepared, sight
 from naris.register.solve import coarse, fine
 from naris.register.starts import Starts
 from naris.render.scene import Scene, render
@@ -17,8 +17,8 @@ def cost_at(at, seen, pose, log_scale=0.0, smooth=None, *, fit_smooth=False):
     rays, model = prepared(at, seen, smooth=fit_smooth)
     matrix, right = np.zeros((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.zeros(MOST_UNKNOWNS)
     values = np.zeros(MOST_UNKNOWNS) if smooth is None else smooth
-    memory, place = memory_for(rays), pose.matrix.copy()
-    mean = linearise(at.embree, rays, model, place, log_scale, values, 1.0, memory, matrix, right)
+    seen_from = sight(at, rays, model)
+    mean = linearise(seen_from, pose.matrix.copy(), log_scale, values, 1.0, Equations(matrix, right))
     return mean * len(seen), matrix, right, model
 
 

@@ -1,10 +1,9 @@
-# ruff: noqa: ANN001, ANN201, ANN202, PLR0913
+# ruff: noqa: ANN001, ANN201, ANN202
 # mypy: ignore-errors
-"""The compiled code of registration: rays against the anatomy, the equations of a step, damped Gauss–Newton.
+"""The equations of a registration, compiled: rays against the anatomy, residuals, derivatives, likelihood.
 
 A pose is `anatomy_T_rig` (4, 4); a step is a twist (translation in mm, rotation vector in rad) in the rig, applied from
-the right. After it come, where they are free, the logarithm of the scale and the coefficients of the smooth error. Only
-the lower triangle of a matrix of normal equations is filled.
+the right. After it come, where they are free, the logarithm of the scale and the coefficients of the smooth error.
 """
 
 from __future__ import annotations
@@ -16,21 +15,16 @@ from numba import njit
 
 from naris.anatomy.kernels import value_at
 from naris.render.lanes import LANES, load, store
-from naris.render.packets import Packet, begin_frame, found, intersect
+from naris.render.packets import Embree, Packet, begin_frame, found, intersect
 
+POSE = 6
 MOST_UNKNOWNS = 64
 RANGES, ON_RAY, NEAREST = 0, 1, 2
-_POSE = 6
 _LEAST_COSINE = 0.05
-_LONGEST_MM, _LONGEST_RAD = 2.0, 0.3
-_MOST_SCALE = 0.3
-_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-5, 1e4
-_STILL, _STILL_MM, _STILL_RAD = 1e-4, 0.02, 0.002
 _OUTSIDE = 100.0
 _NO_WALL = 0.1
 _ROOT = 0.3989422804014327  # 1/√(2π)
 
-_njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
 _part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
 _inline_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, forceinline=True)
 _raw_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False)
@@ -105,6 +99,28 @@ class Memory(NamedTuple):
     ray: np.ndarray
     hit: np.ndarray
     normal: np.ndarray
+
+
+class Sight(NamedTuple):
+    """What was seen, in what, and the working memory of one thread.
+
+    Attributes:
+        embree: the anatomy's scene.
+        sources: an array whose type changes with the sources of this code: numba looks at one file only.
+    """
+
+    embree: Embree
+    rays: Rays
+    model: Model
+    memory: Memory
+    sources: np.ndarray
+
+
+class Equations(NamedTuple):
+    """Normal equations: the lower triangle of (U, U), and the right-hand side (U,)."""
+
+    matrix: np.ndarray
+    right: np.ndarray
 
 
 @_raw_njit
@@ -196,8 +212,9 @@ def _by_range(rays, at, scale, wall, smooth_error):
 
 
 @_inline_njit
-def _equation(rays, model, pose, scale, smooth, memory, at, row):
+def _equation(sight, pose, scale, smooth, at, row):
     """The residual of a ray that meets a wall, its deviation, that along the ray, and, in `row`, the derivatives."""
+    rays, model, memory = sight.rays, sight.model, sight.memory
     nx, ny, nz = memory.normal[0, at], memory.normal[1, at], memory.normal[2, at]
     mx = pose[0, 0] * nx + pose[1, 0] * ny + pose[2, 0] * nz
     my = pose[0, 1] * nx + pose[1, 1] * ny + pose[2, 1] * nz
@@ -224,22 +241,24 @@ def _equation(rays, model, pose, scale, smooth, memory, at, row):
     row[3], row[4] = factor * (py * mz - pz * my), factor * (pz * mx - px * mz)
     row[5] = factor * (px * my - py * mx)
     if model.free:
-        row[_POSE] = by_scale
+        row[POSE] = by_scale
     for k in range(model.smooth):
-        row[_POSE + model.free + k] = by_smooth * rays.field[at, k]
+        row[POSE + model.free + k] = by_smooth * rays.field[at, k]
     return e, sd, along
 
 
 @_part_njit
-def linearise(embree, rays, model, pose, log_scale, smooth, width, memory, matrix, right):
+def linearise(sight, pose, log_scale, smooth, width, equations):
     """The normal equations at a pose, and its cost: −2 log likelihood (and prior) a ray.
 
     A range is normal about what the wall says, or an outlier (even up to `model.reach`); each ray is weighted by the
     probability that it is none. `width` widens the normal distribution, which widens the basin.
     """
+    rays, model, memory = sight.rays, sight.model, sight.memory
+    matrix, right = equations.matrix, equations.right
     scale = np.exp(log_scale)
-    cast(embree, rays, pose, scale, memory)
-    unknowns = _POSE + model.free + model.smooth
+    cast(sight.embree, rays, pose, scale, memory)
+    unknowns = POSE + model.free + model.smooth
     matrix[:unknowns, :unknowns] = 0
     right[:unknowns] = 0
     row = np.empty(MOST_UNKNOWNS)
@@ -255,7 +274,7 @@ def linearise(embree, rays, model, pose, log_scale, smooth, width, memory, matri
         if nx * nx + ny * ny + nz * nz < 0.5:
             cost -= 2.0 * np.log(_NO_WALL * even)
             continue
-        e, sd, along = _equation(rays, model, pose, scale, smooth, memory, at, row)
+        e, sd, along = _equation(sight, pose, scale, smooth, at, row)
         sd, along = sd * width, along * width
         normal = (1.0 - model.outliers) * _ROOT / along * np.exp(-0.5 * (e / sd) ** 2)
         cost -= 2.0 * np.log(normal + even)
@@ -265,216 +284,24 @@ def linearise(embree, rays, model, pose, log_scale, smooth, width, memory, matri
             right[i] -= q * e
             for j in range(i + 1):
                 matrix[i, j] += q * row[j]
-    cost += _priors(rays, model, log_scale, smooth, matrix, right)
+    cost += _priors(rays, model, log_scale, smooth, equations)
     if 2 * outside > count or (model.free and not model.log_low <= log_scale <= model.log_high):
         cost += _OUTSIDE * count
     return cost / max(count, 1)
 
 
 @_part_njit
-def _priors(rays, model, log_scale, smooth, matrix, right):
+def _priors(rays, model, log_scale, smooth, equations):
     """Adds what is known beforehand of the scale and the smooth error."""
-    cost, first = 0.0, _POSE + model.free
+    matrix, right = equations.matrix, equations.right
+    cost, first = 0.0, POSE + model.free
     if model.free:
         off = model.log_scale - log_scale
-        matrix[_POSE, _POSE] += model.precision
-        right[_POSE] += model.precision * off
+        matrix[POSE, POSE] += model.precision
+        right[POSE] += model.precision * off
         cost += model.precision * off * off
     for k in range(model.smooth):
         matrix[first + k, first + k] += rays.prior[k]
         right[first + k] -= rays.prior[k] * smooth[k]
         cost += rays.prior[k] * smooth[k] * smooth[k]
     return cost
-
-
-@_part_njit
-def _solve(matrix, right, n):
-    """Solves the normal equations in place, by Cholesky; `right` becomes the solution."""
-    for i in range(n):
-        for j in range(i + 1):
-            q = matrix[i, j]
-            for k in range(j):
-                q -= matrix[i, k] * matrix[j, k]
-            if i == j:
-                matrix[i, i] = np.sqrt(max(q, 1e-12))
-            else:
-                matrix[i, j] = q / matrix[j, j]
-    for i in range(n):
-        q = right[i]
-        for k in range(i):
-            q -= matrix[i, k] * right[k]
-        right[i] = q / matrix[i, i]
-    for i in range(n - 1, -1, -1):
-        q = right[i]
-        for k in range(i + 1, n):
-            q -= matrix[k, i] * right[k]
-        right[i] = q / matrix[i, i]
-
-
-@_part_njit
-def _move(pose, step):
-    """Applies a twist from the right: the translation in the rig, then Rodrigues' rotation."""
-    wx, wy, wz = step[3], step[4], step[5]
-    angle2 = wx * wx + wy * wy + wz * wz
-    if angle2 < 1e-18:
-        a, b = 1.0, 0.5
-    else:
-        angle = np.sqrt(angle2)
-        a, b = np.sin(angle) / angle, (1 - np.cos(angle)) / angle2
-    turn = np.empty((3, 3))
-    turn[0, 0], turn[0, 1], turn[0, 2] = 1 - b * (wy * wy + wz * wz), b * wx * wy - a * wz, b * wx * wz + a * wy
-    turn[1, 0], turn[1, 1], turn[1, 2] = b * wx * wy + a * wz, 1 - b * (wx * wx + wz * wz), b * wy * wz - a * wx
-    turn[2, 0], turn[2, 1], turn[2, 2] = b * wx * wz - a * wy, b * wy * wz + a * wx, 1 - b * (wx * wx + wy * wy)
-    for i in range(3):
-        x, y, z = pose[i, 0], pose[i, 1], pose[i, 2]
-        pose[i, 3] += x * step[0] + y * step[1] + z * step[2]
-        for j in range(3):
-            pose[i, j] = x * turn[0, j] + y * turn[1, j] + z * turn[2, j]
-
-
-@_part_njit
-def _fit_smooth(embree, rays, model, pose, log_scale, smooth, rounds, memory, matrix, right):
-    """The smooth error that suits a pose, the pose kept: else the first step blames the pose for it."""
-    first, n = _POSE + model.free, model.smooth
-    part, change = np.empty((n, n)), np.empty(n)
-    for _ in range(rounds):
-        linearise(embree, rays, model, pose, log_scale, smooth, 1.0, memory, matrix, right)
-        for i in range(n):
-            for j in range(i + 1):
-                part[i, j] = matrix[first + i, first + j]
-            change[i] = right[first + i]
-        _solve(part, change, n)
-        for i in range(n):
-            smooth[i] += change[i]
-
-
-@_njit
-def solve(embree, rays, model, poses, log_scales, smooth, widths, steps, memory, first, last, costs):
-    """Levenberg–Marquardt from poses[first] … poses[last − 1], which become where it ends.
-
-    A step is taken only if the cost falls, for the equations of a grazing wall promise more than they keep. Stage k
-    takes at most steps[k] trials at the width widths[k].
-    """
-    matrix, right = np.empty((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.empty(MOST_UNKNOWNS)
-    matrix_there, right_there = np.empty((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.empty(MOST_UNKNOWNS)
-    damped, step = np.empty((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.empty(MOST_UNKNOWNS)
-    there, smooth_there = np.empty((4, 4)), np.empty(MOST_UNKNOWNS)
-    n = _POSE + model.free + model.smooth
-    for i in range(first, last):
-        pose, log_scale, damping, cost = poses[i], log_scales[i], _DAMPING, 0.0
-        if model.smooth:
-            _fit_smooth(embree, rays, model, pose, log_scale, smooth[i], 2, memory, matrix, right)
-        for stage in range(len(widths)):
-            width = widths[stage]
-            cost = linearise(embree, rays, model, pose, log_scale, smooth[i], width, memory, matrix, right)
-            for _ in range(steps[stage]):
-                moved_mm, moved_rad = _step(matrix, right, damping, n, damped, step)
-                there[:] = pose
-                _move(there, step)
-                scale_there = log_scale
-                if model.free:
-                    scale_there += min(max(step[_POSE], -_MOST_SCALE), _MOST_SCALE)
-                for k in range(model.smooth):
-                    smooth_there[k] = smooth[i, k] + step[_POSE + model.free + k]
-                cost_there = linearise(
-                    embree, rays, model, there, scale_there, smooth_there, width, memory, matrix_there, right_there
-                )
-                if cost_there < cost:
-                    gain, cost, log_scale = cost - cost_there, cost_there, scale_there
-                    pose[:] = there
-                    for k in range(model.smooth):
-                        smooth[i, k] = smooth_there[k]
-                    matrix[:n, :n], right[:n] = matrix_there[:n, :n], right_there[:n]
-                    damping = max(damping * 0.3, _LEAST_DAMPING)
-                    if gain < _STILL and moved_mm < _STILL_MM and moved_rad < _STILL_RAD:
-                        break
-                else:
-                    damping *= 6.0
-                    if damping > _MOST_DAMPING:
-                        break
-            damping = max(min(damping, 1.0), 1e-3)
-        log_scales[i], costs[i] = log_scale, cost
-
-
-@_part_njit
-def _step(matrix, right, damping, n, damped, step):
-    """A damped step, no longer than the basin; gives the lengths of its two parts."""
-    for i in range(n):
-        for j in range(i + 1):
-            damped[i, j] = matrix[i, j]
-        damped[i, i] = matrix[i, i] * (1 + damping) + 1e-9
-        step[i] = right[i]
-    _solve(damped, step, n)
-    moved_mm = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
-    moved_rad = np.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
-    shorter = min(1.0, _LONGEST_MM / max(moved_mm, 1e-9), _LONGEST_RAD / max(moved_rad, 1e-9))
-    for i in range(n):
-        step[i] *= shorter
-    return moved_mm, moved_rad
-
-
-@_njit
-def judge(embree, rays, model, poses, log_scales, smooth, memory, costs, matrices):
-    """The cost of each pose as it is, and the whole matrix of its normal equations."""
-    matrix, right = np.empty((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.empty(MOST_UNKNOWNS)
-    n = _POSE + model.free + model.smooth
-    for i in range(len(poses)):
-        costs[i] = linearise(embree, rays, model, poses[i], log_scales[i], smooth[i], 1.0, memory, matrix, right)
-        for a in range(n):
-            for b in range(a + 1):
-                matrices[i, a, b] = matrix[a, b]
-                matrices[i, b, a] = matrix[a, b]
-
-
-@_njit
-def compare(panoramas, seen, texels, free, cap, shifts, first, last, best, turn, shift):
-    """How well ranges fit what is seen from places first … last − 1, turned every way; the best few of each place.
-
-    Args:
-        panoramas: (P, T) uint8 logarithms of ranges.
-        seen: (M,) those of the observation.
-        texels: (R, M) where each ray looks after each turn.
-        free: 1 to take off the mean difference, within `shifts`.
-        cap: of each difference.
-        best, turn, shift: (P, few) the sums of differences, rising, and which turn and shift they belong to.
-    """
-    turns, rays = texels.shape
-    few, half = best.shape[1], rays // 2
-    difference = np.empty(rays, np.int32)
-    for p in range(first, last):
-        row = panoramas[p]
-        for r in range(turns):
-            total = 0
-            for m in range(half):
-                difference[m] = seen[m] - np.int32(row[texels[r, m]])
-                total += min(abs(difference[m]), cap)
-            if total >= best[p, few - 1] and not free:
-                continue
-            for m in range(half, rays):
-                difference[m] = seen[m] - np.int32(row[texels[r, m]])
-            off = _shift(difference, cap, shifts) if free else 0
-            total = 0
-            for m in range(rays):
-                total += min(abs(difference[m] - off), cap)
-            if total < best[p, few - 1]:
-                k = few - 1
-                while k > 0 and best[p, k - 1] > total:
-                    best[p, k], turn[p, k], shift[p, k] = best[p, k - 1], turn[p, k - 1], shift[p, k - 1]
-                    k -= 1
-                best[p, k], turn[p, k], shift[p, k] = total, r, off
-
-
-@_part_njit
-def _shift(difference, cap, shifts):
-    """The mean difference, then that of those near it, both within `shifts`."""
-    rays, total = len(difference), 0
-    for m in range(rays):
-        total += difference[m]
-    off = min(max(total // rays, shifts[0]), shifts[1])
-    total, near = 0, 0
-    for m in range(rays):
-        d = difference[m] - off
-        if abs(d) < cap:
-            total += d
-            near += 1
-    return min(max(off + total // near, shifts[0]), shifts[1]) if near else off
