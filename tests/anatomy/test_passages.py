@@ -115,6 +115,27 @@ def test_landmarks_tell_the_sides_apart():
     np.testing.assert_allclose(passages["left.main"].points_mm * [-1, 1, 1], passages["right.main"].points_mm, atol=1.0)
 
 
+def test_a_branch_begins_in_the_nostril_of_its_own_side():
+    """Also where that is narrow, and the other nostril has more room all the way round behind the septum."""
+    parts = [
+        trimesh.creation.box((10, 60, 10)).apply_translation([-8, 0, 0]),
+        trimesh.creation.box((2.4, 30, 2.4)).apply_translation([8, -15, 0]),
+        trimesh.creation.box((10, 31, 10)).apply_translation([8, 14.5, 0]),
+        trimesh.creation.box((6, 8, 20)).apply_translation([8, 4, 14]),
+        trimesh.creation.box((26, 10, 10)).apply_translation([0, 34.5, 0]),
+    ]
+    landmarks = {
+        "right nostril": np.array([-8.0, -29.0, 0.0]),
+        "left nostril": np.array([8.0, -29.0, 0.0]),
+        "nasopharynx": np.array([0.0, 36.0, 0.0]),
+    }
+    anatomy = anatomy_of(trimesh.boolean.union(parts, engine="manifold")).with_(landmarks_mm=landmarks)
+    into_the_cell = [p for p in find_passages(anatomy) if p.points_mm[:, 2].max() > 12]
+    assert into_the_cell
+    assert all(p.name.startswith("left.") for p in into_the_cell)
+    assert all(p.points_mm[0, 0] > 5 for p in into_the_cell)
+
+
 def test_a_route_goes_by_its_points():
     anatomy = torus(20.0, 5.0)
     routes = [

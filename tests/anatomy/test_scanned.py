@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from naris.airway.block import Block
-from naris.airway.segment import ATTACHED, LEFT, NASOPHARYNX, Airway
+from naris.airway.segment import ATTACHED, LEFT, NASOPHARYNX, RIGHT, Airway
 from naris.anatomy.checks import check_surface
 from naris.anatomy.crossings import crossings
 from naris.anatomy.distance import signed_distance
@@ -81,6 +81,24 @@ def test_what_opens_into_the_nose_is_kept_when_asked() -> None:
     assert volumes[0] == pytest.approx(
         float(np.isin(labels, (LEFT, NASOPHARYNX)).sum()) * block.step_mm**3 / 1000, rel=0.15
     )
+
+
+@pytest.mark.parametrize(("hu", "told"), [(-450.0, "faint septum"), (-1000.0, "open septum")])
+def test_no_passage_leads_through_a_faint_septum(hu: float, told: str) -> None:
+    """Two sides that touch above over 8×3 mm, in air that is grey from a septum thinner than a voxel, or clear."""
+    labels = np.zeros((40, 80, 40), dtype=np.uint8)
+    labels[4:18, 4:60, 6:32], labels[22:36, 4:60, 6:32] = RIGHT, LEFT
+    labels[18:20, 22:38, 24:30], labels[20:22, 22:38, 24:30] = RIGHT, LEFT
+    labels[4:36, 60:76, 6:32] = NASOPHARYNX
+    values = np.full(labels.shape, -1000, np.float32)
+    values[18:22, 22:38, 24:30] = hu
+    ends = {f"{side}.{name}": np.array([x, y, 9.0]) for side, x in (("left", 14.5), ("right", 5.5))
+            for name, y in (("nostril", 3.0), ("choana", 30.0))}  # fmt: skip
+    landmarks = {**ends, "nasopharynx": np.array([10.0, 34.0, 9.0])}
+    level = np.where(labels > 0, 300.0, -300.0).astype(np.float32)
+    made = anatomy_of_airway(Airway(labels, Block(values, np.zeros(3), 0.5), level, landmarks), "a", "a test")
+    assert [finding.code for finding in made.findings] == [told]
+    assert made.genus == (told == "open septum")
 
 
 def test_no_face_crosses_another(made: ScannedAnatomy) -> None:

@@ -22,6 +22,7 @@ from naris.airway.boundary import air_level
 from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostril_mm, nostrils, room_air
 from naris.airway.front import check_front, front_of
 from naris.airway.plausible import check_plausible
+from naris.airway.septum import given_back, mirrored_parts, septum_of
 from naris.airway.sinuses import SINUSES, Extent, named
 from naris.airway.ways import choana_row, pharynx_nodes, sides, ways_in
 from naris.core.volume import LPS, Volume
@@ -191,10 +192,11 @@ def _labels(
     cleft = in_cleft & (basins.room_mm <= CLEFT_MM)
     nasal = (nasal_parts(basins, through, elsewhere) | cleft)[basins.part]
     row = choana_row(nasal, wall, right, left)
-    front = nasal.copy()
-    front[:, row:] = False
-    labels = sides(front, wall, right, left).astype(np.uint8)
-    labels[front & (labels == 0)] = ATTACHED  # a cleft that leads nowhere has no side
+    labels = _with_sides(nasal, airway, wall, (right, left), row)
+    septum = septum_of(labels, block.step_mm)
+    if septum is not None:
+        doubtful = (labels == ATTACHED) & (block.axis_mm(2) < extent.cells_mm)
+        labels = mirrored_parts(given_back(labels, septum), doubtful, basins, septum)
     if row <= max(int(right[:, 1].min()), int(left[:, 1].min())):
         raise ScanError(
             "a septum between the two sides of the nose",
@@ -204,7 +206,25 @@ def _labels(
     floor = int(np.concatenate([right[right[:, 1] < row], left[left[:, 1] < row]])[:, 2].min())
     low = max(floor - round(_FLOOR_MM / block.step_mm), 0)
     labels[:, row:, low:][nasal[:, row:, low:]] = NASOPHARYNX
-    labels[airway & ~nasal] = ATTACHED
+    labels[airway & ~nasal & (labels == 0)] = ATTACHED
+    return labels
+
+
+def _with_sides(
+    nasal: Bool[np.ndarray, "nx ny nz"],
+    airway: Bool[np.ndarray, "nx ny nz"],
+    wall: Float[np.ndarray, "nx ny nz"],
+    ways: tuple[Int[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]],
+    row: int,
+) -> UInt8[np.ndarray, "nx ny nz"]:
+    """What lies in front of the row of the choanae: right, left, and what is neither as attached."""
+    front = nasal.copy()
+    front[:, row:] = False
+    labels = sides(front, wall, *ways).astype(np.uint8)
+    labels[front & (labels == 0)] = ATTACHED  # a cleft that leads nowhere has no side
+    other = airway & ~nasal
+    other[:, row:] = False
+    labels[other] = ATTACHED
     return labels
 
 

@@ -64,6 +64,11 @@ class Extent:
         floor = min(float(marks[f"{side}.nasal floor"][2]) for side in ("left", "right"))
         return Extent(float(choana[0]), front, floor, max(float(choana[1]) - front, 1.0))
 
+    @property
+    def cells_mm(self) -> float:
+        """z in LPS above which there are ethmoid cells beside the nose, and below which there are meatuses alone."""
+        return self.floor_mm + _ROOF * self.depth_mm
+
     def places(self, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """To the left of the middle, behind the front and above the floor, in units of the depth."""
         return np.asarray((points_mm - [self.middle_mm, self.front_mm, self.floor_mm]) / self.depth_mm)

@@ -132,13 +132,14 @@ def _ways_found(graph: LumenGraph, landmarks_mm: dict[str, Float[np.ndarray, "3"
         openings, far = _two_ends(graph, openings)
     inwards = {prefix: graph.central_tree(node) for prefix, node in openings.items()}
     outwards = graph.central_tree(far)
+    apart_mm = {prefix: graph.distance_to(np.array([node])) for prefix, node in openings.items()}
     ways = {f"{prefix}main": tree.way_to(far) for prefix, tree in inwards.items()}
     numbers = dict.fromkeys(inwards, 0)
     for _ in range(_MOST_BRANCHES * len(inwards)):
         tip = _uncovered_tip(graph, np.concatenate(list(ways.values())))
         if tip is None:
             break
-        prefix = min(inwards, key=lambda name: inwards[name].cost[tip])
+        prefix = min(apart_mm, key=lambda name: apart_mm[name][tip])  # by length: a wide way may lead round the septum
         numbers[prefix] += 1
         ways[f"{prefix}branch {numbers[prefix]}"] = _way_through(graph, inwards[prefix], tip, outwards)
     return ways

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int32
 
-from naris.airway.segment import NOSE, Airway
+from naris.airway.segment import NASOPHARYNX, NOSE, Airway
+from naris.airway.septum import Seam, seam_of
 from naris.anatomy.checks import check_surface, faces_of_piece, pieces_of
 from naris.anatomy.crossings import uncrossed
 from naris.anatomy.level_set import only_lumen, surface, taubin
@@ -24,6 +25,7 @@ MOST_MOVED_MM = 0.3
 _SOFT_HU = 300.0  # a level this far from the boundary is surely air or tissue
 _STEPS, _PASS_BAND = 8, (0.50, -0.53)
 _MANY_HANDLES = 8
+_TOLD_MM2 = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +61,14 @@ def anatomy_of_airway(airway: Airway, name: str, source: str, *, attached: bool 
         PoseError: if the nose is too narrow for passages.
     """
     kept = airway.labels > 0 if attached else np.isin(airway.labels, NOSE)
-    field = only_lumen(_field(airway, kept))
+    seam = seam_of(airway.labels, airway.block.hu, NASOPHARYNX, airway.block.step_mm)
+    field = only_lumen(_field(airway, kept & ~seam.wall))
     rough, faces = _largest_piece(*surface(field, airway.block.origin_mm, airway.block.step_mm))
     vertices, moved_mm = _smoothed(rough, faces)
     report = check_surface(vertices, faces)
     if not report.closed or report.genus is None:
         raise ScanError("a closed surface without edges of three faces", "another", "segment on a finer lattice")
-    findings = list(airway.findings)
+    findings = [*airway.findings, *_about(seam)]
     if report.genus > _MANY_HANDLES:
         findings.append(
             Finding("many handles", f"{report.genus} tunnels through thin walls, some of them may be noise", "warning")
@@ -77,6 +80,18 @@ def anatomy_of_airway(airway: Airway, name: str, source: str, *, attached: bool 
         raise ScanError("nostrils and choanae that tell how the nose lies", "others", "segment it by hand") from error
     bare = bare.with_(regions={slabs.name: slabs})
     return ScannedAnatomy(bare.with_(passages=find_passages(bare)), report.genus, moved_mm, tuple(findings))
+
+
+def _about(seam: Seam) -> list[Finding]:
+    """What a user should know of the septum."""
+    found = []
+    if seam.wall_mm2 >= _TOLD_MM2:
+        text = f"over {seam.wall_mm2:.0f} mm² it is thinner than the scan shows; a wall was put where it goes on"
+        found.append(Finding("faint septum", text, "warning"))
+    if seam.hole_mm2 >= _TOLD_MM2:
+        text = f"{seam.hole_mm2:.0f} mm² of clear air between the sides: a perforation, or a septum that the scan lost"
+        found.append(Finding("open septum", text, "warning"))
+    return found
 
 
 def _field(airway: Airway, kept: Bool[np.ndarray, "nx ny nz"]) -> Float[np.ndarray, "nx ny nz"]:
