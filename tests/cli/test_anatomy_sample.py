@@ -42,7 +42,7 @@ def test_pictures_when_asked_of_those_that_are_there_too(
     assert main([*words, "1"]) == 0
     assert not (tmp_path / "a" / "0000" / "anatomy.html").exists()
     assert main([*words, "2", "--pictures"]) == 0
-    assert "1 were there already, each with a picture" in capfd.readouterr().out
+    assert "1 was there already, each with a picture" in capfd.readouterr().out
     for number in range(2):
         page = (tmp_path / "a" / f"{number:04d}" / "anatomy.html").read_text()
         assert f"virtual patient {number} of seed 0" in page

@@ -95,7 +95,7 @@ def run(options: Options, console: Console) -> int:
     data = {"seed": options.seed, "count": options.count, "made": made, "missing": missing, "folder": options.out}
     kept = options.count - len(made) - len(missing)
     patients = "patient" if len(made) == 1 else "patients"
-    already = f", {kept} were there already" if kept else ""
+    already = f", {kept} {'was' if kept == 1 else 'were'} there already" if kept else ""
     none = f"; no nose came of {len(missing)} more, which stay missing" if missing else ""
     drawn = f", each with a picture ({PICTURE})" if options.pictures else ""
     console.answer(data, f"{len(made)} virtual {patients} made in {options.out}{already}{none}{drawn}")

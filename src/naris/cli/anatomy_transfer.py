@@ -44,7 +44,7 @@ def run(options: Options, console: Console) -> int:
     from naris.cli.anatomies import open_anatomy
 
     if options.reference:
-        refuse(options, ("virtual",), "without --reference", f"{len(options.reference)} references")
+        refuse(options, ("virtual",), "without --reference", _references(len(options.reference)))
     else:
         refuse(options, ("regions",), "only with --reference", "virtual noses, which have anatomical regions")
     check_folder(options.out)
@@ -110,7 +110,7 @@ def _text(data: dict[str, Any]) -> str:
     lines = [
         f"{data['anatomy']}: regions {data['region_set']}, "
         f"expected to be right for {100 * data['likely']:.0f} % of the lumen",
-        f"  {len(data['references'])} {'reference' if len(data['references']) == 1 else 'references'}; "
+        f"  {_references(len(data['references']))}; "
         f"{best['name']} lies nearest, {best['off_mm']:.2f} mm off on average",
     ]
     for name, one in data["regions"].items():
@@ -119,13 +119,19 @@ def _text(data: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _references(count: int) -> str:
+    return "1 reference" if count == 1 else f"{count} references"
+
+
 def _write_picture(made: Anatomy, data: dict[str, Any], folder: Path) -> None:
     from naris.core.atomic import write_text
     from naris.report.anatomy_page import anatomy_page
 
+    count = len(data["references"])
+    noses = "another nose" if count == 1 else f"{count} other noses"
     facts = {
         "from": made.source,
-        "regions": f"{data['region_set']}, carried from {len(data['references'])} other noses, expected to be right for"
+        "regions": f"{data['region_set']}, carried from {noses}, expected to be right for"
         f" {100 * data['likely']:.0f} % of the lumen",
     }
     write_text(folder / PICTURE, anatomy_page(made, data["region_set"], facts))
