@@ -54,10 +54,10 @@ class Options:
     around: Annotated[IfGiven[str], tyro.conf.arg(metavar="ANATOMY")] = None
     """An anatomy to deform smoothly instead: `builtin`, a folder, a surface file. Not with --model."""
     amplitude_mm: IfGiven[float] = None
-    """How far points move, in mm along each axis (standard deviation), at most 5; 0.8 when not given. Beyond 3
+    """How far points move, in mm along each axis (standard deviation), 0 to 5; 0.8 when not given. Beyond 3
     few draws leave the passages of a nose open. Only with --around."""
     scale_mm: IfGiven[float] = None
-    """Over how many mm points move alike; 12 when not given. Only with --around."""
+    """Over how many mm points move alike, above 0; 12 when not given. Only with --around."""
     asymmetry: IfGiven[float] = None
     """From 0, both sides as mirror images, to 1, each on its own; 0.3 when not given. Only with --around."""
     cycle_mm: IfGiven[float] = None

@@ -33,7 +33,8 @@ class Options:
     regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
     """Which region set of the references; their first when not given. Only with --reference."""
     virtual: IfGiven[int] = None
-    """How many virtual noses to carry from; 12 when not given, about ten seconds each. Not with --reference."""
+    """How many virtual noses to carry from, 1 to 100; 12 when not given, about ten seconds each. Not with
+    --reference."""
 
 
 def run(options: Options, console: Console) -> int:
