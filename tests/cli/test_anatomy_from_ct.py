@@ -27,6 +27,7 @@ def test_a_series_becomes_an_anatomy_that_other_verbs_open(tmp_path: Path, capfd
     told = json.loads(capfd.readouterr().out)
     anatomy = load_anatomy(out)
     assert told["digest"] == anatomy.digest
+    assert told["step_mm"] == 0.8
     assert {"left.main", "right.main"} <= {one.name for one in anatomy.passages}
     labels, _ = nrrd.read(told["segmentation"])
     assert set(np.unique(labels)) >= {0, 1, 2, 3}

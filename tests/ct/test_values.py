@@ -48,7 +48,10 @@ def test_values_that_no_ct_has(values: np.ndarray, message: str) -> None:
 @pytest.mark.parametrize(
     ("shift_hu", "told"),
     [
-        (1024, "air at about 24 HU and soft tissue at about 1074; the rescale intercept seems to be lost: subtract 1024"),
+        (
+            1024,
+            "air at about 24 HU and soft tissue at about 1074; the .* seems to be lost: subtract 1024",
+        ),
         (-1024, "air at about −2024 HU and soft tissue at about −974; the .* seems to be applied twice: add 1024"),
     ],
     ids=["lost", "twice"],

@@ -41,8 +41,8 @@ class Options:
 def run(options: Options, console: Console) -> int:
     """Reads, segments, makes the surface and keeps all of it; exit status 1 where there is no usable airway."""
     from naris.airway.fitness import look_at
-    from naris.airway.segment import segment_airway
     from naris.airway.segments import write_segments
+    from naris.airway.turned import airway_in
     from naris.anatomy.folder import check_folder, save_anatomy
     from naris.anatomy.scanned import anatomy_of_airway
     from naris.ct.read import read_scan
@@ -57,7 +57,7 @@ def run(options: Options, console: Console) -> int:
     _check_same(scan, options.out)
     with console.progress.task("anatomy", 3) as advance:
         try:
-            airway = segment_airway(scan.volume, options.step_mm)
+            airway = airway_in(scan.volume, [options.step_mm])
             advance(1)
             made = anatomy_of_airway(airway, options.name, _source(scan, options.step_mm), attached=options.sinuses)
             advance(1)
@@ -133,6 +133,7 @@ def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...
         "digest": made.anatomy.digest,
         "frame": made.anatomy.frame,
         "volume_ml": {name: round(airway.volume_ml(i + 1), 2) for i, name in enumerate(SEGMENTS)},
+        "step_mm": airway.block.step_mm,
         "faces": len(made.anatomy.faces),
         "genus": made.genus,
         "smoothed_mm": {"mean": round(float(made.moved_mm.mean()), 3), "most": round(float(made.moved_mm.max()), 3)},

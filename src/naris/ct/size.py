@@ -43,7 +43,7 @@ def check_head_size(volume: Volume) -> None:
     _, middle_mm, longest_mm = sorted(_edges_mm(volume))
     if longest_mm >= _LEAST_MM and middle_mm <= _MOST_MM:
         return
-    told = "×".join(f"{mm:.3g}" for mm in _edges_mm(volume))
+    told = "×".join(f"{mm:.0f}" if mm >= 10 else f"{mm:.2g}" for mm in _edges_mm(volume))
     unit = likely_unit(volume)
     todo = f"are the spacings in {unit}? write them in millimetres" if unit else "give a CT of a whole nose"
     expected = f"a scan of a head, {_LEAST_MM:g} mm or more along one edge and at most {_MOST_MM:g} mm wide"
