@@ -95,14 +95,17 @@ def run(options: Options, console: Console) -> int:
                 draw_page(load_anatomy(str(folder)), folder)
             advance(1)
     data = {"seed": options.seed, "count": options.count, "made": made, "missing": missing, "folder": options.out}
-    data["passed_over"] = dict(sum((Counter(one["passed_over"]) for one in made), Counter[str]()))
-    over = f"; {told(data['passed_over'])}" if made else ""
+    passed_over = dict(sum((Counter(one["passed_over"]) for one in made), Counter[str]()))
+    over = f"; {told(passed_over)}" if made else ""
     kept = options.count - len(made) - len(missing)
     patients = "patient" if len(made) == 1 else "patients"
     already = f", {kept} {'was' if kept == 1 else 'were'} there already" if kept else ""
     none = f"; no nose came of {len(missing)} more, which stay missing" if missing else ""
     pictured = f", each with a picture ({PICTURE})" if options.pictures else ""
-    console.answer(data, f"{len(made)} virtual {patients} made in {options.out}{already}{pictured}{over}{none}")
+    console.answer(
+        data | {"passed_over": passed_over},
+        f"{len(made)} virtual {patients} made in {options.out}{already}{pictured}{over}{none}",
+    )
     return SOME_MISSING if missing else 0
 
 
