@@ -39,10 +39,11 @@ class Options:
 
 def run(options: Options, console: Console) -> int:
     """Lays the references on the anatomy and keeps it with its regions; exit status 1 where these are not sure."""
+    from naris.airway.cut import carry_cut
     from naris.anatomy.correspondence import check_laid
     from naris.anatomy.folder import check_folder, save_anatomy
     from naris.anatomy.transfer import transfer_regions, virtual_references
-    from naris.cli.anatomies import open_anatomy
+    from naris.cli.anatomies import folder_of, open_anatomy
 
     if options.reference:
         refuse(options, ("virtual",), "without --reference", _references(len(options.reference)))
@@ -68,6 +69,7 @@ def run(options: Options, console: Console) -> int:
     others = {name: one for name, one in target.regions.items() if name != found.regions.name}
     made = target.with_(regions={found.regions.name: found.regions, **others})
     save_anatomy(made, options.out)
+    carry_cut(made.source, folder_of(options.anatomy), options.out)
     _write_picture(made, data, options.out)
     data |= {"folder": options.out, "picture": options.out / PICTURE}
     console.answer(data, f"{_text(data)}\nkept in {options.out}, picture in {options.out / PICTURE}")
@@ -125,6 +127,7 @@ def _references(count: int) -> str:
 
 
 def _write_picture(made: Anatomy, data: dict[str, Any], folder: Path) -> None:
+    from naris.airway.cut import read_cut
     from naris.core.atomic import write_text
     from naris.report.anatomy_page import anatomy_page
 
@@ -135,4 +138,4 @@ def _write_picture(made: Anatomy, data: dict[str, Any], folder: Path) -> None:
         "regions": f"{data['region_set']}, carried from {noses}, expected to be right for"
         f" {100 * data['likely']:.0f} % of the lumen",
     }
-    write_text(folder / PICTURE, anatomy_page(made, data["region_set"], facts))
+    write_text(folder / PICTURE, anatomy_page(made, data["region_set"], facts, read_cut(folder, made.source)))

@@ -131,7 +131,7 @@ def sheet(anatomy: Anatomy, regions: RegionSet, scan: Block | None = None) -> Ma
         element("figure", picture(cut.image, f"{cut.name} of {anatomy.name}", 640), element("figcaption", cut.name))
         for cut in cuts(anatomy, regions, scan)
     ]
-    behind = "on the scan" if scan is not None else "air dark, tissue grey"
+    behind = "on the scan" if scan is not None else "air dark, tissue grey, as no CT is kept beside it"
     told = f"Cuts through the middle of the passages, {behind}: the wall as a line, the regions in their colours."
     if anatomy.frame == "LPS":
         told += " The patient’s left is on the right; in the sagittal cut the front is on the left."
