@@ -27,6 +27,7 @@ def scan() -> Scan:
 def test_a_whole_nose_without_metal_will_do(scan: Scan) -> None:
     found = inspect_scan(scan)
     assert found.usable
+    assert found.step_mm == 0.8
     assert found.metal_ml == found.mouth_ml == 0
     assert not codes(found) & {"metal", "open mouth", "coarse slices", "ends behind", "ends below"}
 

@@ -27,6 +27,7 @@ def test_a_series_becomes_an_anatomy_that_other_verbs_open(tmp_path: Path, capfd
     told = json.loads(capfd.readouterr().out)
     anatomy = load_anatomy(out)
     assert told["digest"] == anatomy.digest
+    assert told["step_mm"] == 0.8
     assert {"left.main", "right.main"} <= {one.name for one in anatomy.passages}
     labels, _ = nrrd.read(told["segmentation"])
     assert set(np.unique(labels)) >= {0, 1, 2, 3}
@@ -35,8 +36,29 @@ def test_a_series_becomes_an_anatomy_that_other_verbs_open(tmp_path: Path, capfd
         assert b"JOHN" not in path.read_bytes(), path.name
     assert main(["anatomy", str(out), "--json", "--quiet"]) == 0
     assert json.loads(capfd.readouterr().out)["closed"]
-    assert main(["anatomy", "from-ct", str(series), "-o", str(out), "--step-mm", "0.9", "--quiet"]) == 0
+    words = ["anatomy", "from-ct", str(series), "-o", str(out), "--quiet", "--step-mm"]
+    before = {path: path.stat().st_mtime_ns for path in out.iterdir()}
+    assert main([*words, "0.8", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out) == told | {"already": True}
+    assert main([*words, "0.8"]) == 0
+    assert "it was there already, of these settings; nothing was done" in capfd.readouterr().out
+    assert {path: path.stat().st_mtime_ns for path in out.iterdir()} == before
+    _regions_are_added_on_the_scan(out, tmp_path / "regions")
+    Path(told["picture"]).unlink()
+    assert main([*words, "0.8"]) == 0
+    assert Path(told["picture"]).is_file()  # what is missing is made again
+    assert main([*words, "0.9"]) == 0
     assert "0.9 mm" in load_anatomy(out).source  # of the same scan
+
+
+def _regions_are_added_on_the_scan(nose: Path, out: Path) -> None:
+    """The picture with the regions of another nose shows the scan as well, here and in what is made of that."""
+    save_anatomy(built_in_nose(), out.with_name("reference"))
+    reference = ["--reference", str(out.with_name("reference"))]
+    assert main(["anatomy", "transfer", str(nose), "-o", str(out), *reference, "--quiet"]) == 0
+    assert "on the scan" in (out / "anatomy.html").read_text(encoding="utf-8")
+    assert main(["anatomy", str(out), "-o", str(out.with_name("again")), "--quiet"]) == 0
+    assert "on the scan" in (out.with_name("again") / "anatomy.html").read_text(encoding="utf-8")
 
 
 def head_without_nostrils() -> Volume:

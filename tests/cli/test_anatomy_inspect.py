@@ -24,7 +24,10 @@ def test_a_scan_that_will_do(tmp_path: Path, capfd: pytest.CaptureFixture[str]) 
     assert told["format"] == "DICOM"
     assert told["reach_mm"]["behind"] > 85
     assert told["volume_ml"]["left nasal cavity"] > 5
+    assert told["step_mm"] == 0.8
     assert "JOHN" not in said
+    assert main(["anatomy", "inspect", str(series), "--quiet"]) == 0
+    assert "at a glance, on a lattice of 0.8 mm; naris anatomy from-ct measures them" in capfd.readouterr().out
 
 
 def test_a_scan_that_will_not(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from naris.anatomy import gaussian_process
+from naris.anatomy import gaussian_process, shape_model
+from naris.anatomy.builtin import variation
 from naris.anatomy.builtin.variants import VARIANTS
 from naris.anatomy.folder import load_anatomy, save_anatomy
+from naris.anatomy.shape_model import ShapeModel, save_shape_model
 from naris.cli import main
 from naris.core.anatomy import Anatomy
 from naris.errors import PoseError
@@ -42,7 +46,7 @@ def test_pictures_when_asked_of_those_that_are_there_too(
     assert main([*words, "1"]) == 0
     assert not (tmp_path / "a" / "0000" / "anatomy.html").exists()
     assert main([*words, "2", "--pictures"]) == 0
-    assert "1 were there already, each with a picture" in capfd.readouterr().out
+    assert "1 was there already, each with a picture" in capfd.readouterr().out
     for number in range(2):
         page = (tmp_path / "a" / f"{number:04d}" / "anatomy.html").read_text()
         assert f"virtual patient {number} of seed 0" in page
@@ -79,6 +83,36 @@ def test_patients_around_an_anatomy_of_ones_own(
     assert "--cycle-mm only with landmarks of both sides" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("population", ["ranges", "model"])
+def test_how_many_draws_were_passed_over_is_told_with_the_reason(
+    population: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Every second nose has a passage that closes."""
+    tries = itertools.count(1)
+
+    def made(*given: object, **options: object) -> Anatomy:
+        if next(tries) % 2:
+            raise PoseError("passages in the lumen", "one outside it")
+        return marked_tube()
+
+    words = ["anatomy", "sample", "-o", str(tmp_path / "a"), "--count", "2", "--quiet"]
+    if population == "model":
+        monkeypatch.setattr(shape_model, "carried_along", made)
+        mode = np.zeros((1, len(marked_tube().vertices_mm), 3), np.float32)
+        save_shape_model(ShapeModel(marked_tube(), mode, np.ones(1), 3, 0.1), tmp_path / "model")
+        words += ["--model", str(tmp_path / "model")]
+    else:
+        monkeypatch.setattr(variation, "built_in_nose", made)
+    assert main([*words, "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["passed_over"]["a passage that closes"] == 2
+    assert [one["passed_over"]["a passage that closes"] for one in told["made"]] == [1, 1]
+    assert main([*words, "--count", "3"]) == 0
+    said = capfd.readouterr().out
+    assert "1 virtual patient made" in said and "2 were there already" in said
+    assert "passed over: " in said and "1 with a passage that closes" in said
+
+
 def test_draws_that_are_passed_over_are_told_and_come_to_an_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -91,7 +125,7 @@ def test_draws_that_are_passed_over_are_told_and_come_to_an_end(
     assert main([*words, "--amplitude-mm", "0.1"]) == 1
     told = capfd.readouterr().err
     assert re.findall(r"patient 0: (\d+) of at most 20 draws", told) == ["5", "10", "15"]
-    assert "no patient 0: " in told and "none in 20 draws; deform it less" in told
+    assert "no patient 0: " in told and "none in 20 draws (20 with a passage that closes); deform it less" in told
 
 
 @pytest.mark.parametrize(

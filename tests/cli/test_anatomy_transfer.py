@@ -37,7 +37,7 @@ def test_regions_are_carried_and_kept_first(bare: Path, tmp_path: Path, capfd: p
     told = json.loads(capfd.readouterr().out)
     assert told["usable"]
     assert list(told["regions"]) == list(SLABS.names)
-    assert (out / "anatomy.html").is_file()
+    assert "carried from another nose" in (out / "anatomy.html").read_text(encoding="utf-8")
     kept = load_anatomy(str(out))
     assert list(kept.regions) == ["slabs", "all"]
     line = marked_tube().passages[0].points_mm
@@ -67,7 +67,7 @@ def test_what_cannot_be_laid_is_refused_before_any_work(
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--reference", "REFERENCE", "--virtual", "3"], "--virtual without --reference"),
+        (["--reference", "REFERENCE", "--virtual", "3"], "--virtual without --reference, got 1 reference;"),
         (["--regions", "slabs"], "--regions only with --reference"),
         (["--virtual", "0"], "--virtual"),
         (["--reference", "nowhere"], "nowhere"),

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import importlib
+import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from naris.cli import VERBS, main
-from naris.cli.options import ALLOWED, Range
+from naris.cli.options import ALLOWED, Range, flag
 
 
 @pytest.mark.parametrize(
@@ -97,3 +100,23 @@ def test_locating_doubts_as_the_library_does() -> None:
 
     options = Options(pictures=(), model=Path("x"))
     assert Doubt(options.out_of_domain, options.probability) == Doubt()
+
+
+def limits() -> Iterator[tuple[str, str, float]]:
+    """The verb, the option and the end of every range with two ends among the verbs of anatomies, but for the seed."""
+    yield "anatomy from-ct", "step_mm", 0.2
+    yield "anatomy from-ct", "step_mm", 1.0
+    for name, verb in VERBS.items():
+        for field in dataclasses.fields(importlib.import_module(verb.module).Options):
+            allowed = ALLOWED.get(field.name, Range())
+            if name.startswith("anatomy") and field.name != "seed" and math.isfinite(allowed.most):
+                yield name, field.name, allowed.most
+
+
+@pytest.mark.parametrize(("verb", "option", "limit"), list(limits()))
+def test_help_tells_between_which_numbers_an_option_must_lie(verb: str, option: str, limit: float, capfd) -> None:
+    with contextlib.suppress(SystemExit):
+        main([*verb.split(), "--help"])
+    told = re.sub(r"[\s│]+", " ", re.sub(r"\x1b\[[0-9;]*m", "", capfd.readouterr().out))
+    (said,) = re.findall(rf" {flag(option)} [A-Z]+ (.*?) \((?:default|optional)", told)
+    assert re.search(rf"\b{re.escape(str(limit))}\b", said), said

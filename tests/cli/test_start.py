@@ -252,6 +252,25 @@ def test_errors_are_one_line_and_status_2(probe, capfd, what: str, kind: str, sa
     assert json.loads(told.out)["error"]["message"] in told.err
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("from-ct x.nrrd -o a --step-mm", "expected a value after --step-mm, got none"),
+        ("from-ct x.nrrd -o a --step-mm --sinuses", "expected a value after --step-mm, got none"),
+        ("from-ct x.nrrd -o", "expected a value after -o/--out, got none"),
+        ("to-ct builtin -o a.nrrd --spacing-mm", "expected 3 values after --spacing-mm, got fewer"),
+        ("to-ct builtin -o a.nrrd --spacing-mm 1 2", "expected 3 values after --spacing-mm, got fewer"),
+        ("sample -o a --variant", "expected a value after --variant, got none"),
+        ("from-ct x.nrrd -o a --spacing-mm", "expected options of this verb, got --spacing-mm, which it does not have"),
+        ("from-ct x.nrrd -o a --nope 1", "expected options of this verb, got --nope, 1, which it does not have"),
+    ],
+)
+def test_an_option_without_its_value_or_without_a_verb_gets_one_sentence(words: str, says: str, capfd) -> None:
+    verb = words.split()[0]
+    assert main(["anatomy", *words.split()]) == 2
+    assert capfd.readouterr().err == f"naris: {says}; naris anatomy {verb} --help tells the options\n"
+
+
 def test_a_bug_shows_its_traceback_and_says_that_it_is_one(probe, capfd) -> None:
     for what in ("bug", "twice"):
         assert main(["probe", "--what", what]) == 70

@@ -225,9 +225,10 @@ def test_a_header_of_sixty_thousand_pixels_is_refused_before_anything_is_made(tm
 
 
 def test_a_folder_without_images(tmp_path: Path) -> None:
-    (tmp_path / "a.txt").write_text("hello")
-    with pytest.raises(ScanError, match="1 files, none of them one"):
-        read_dicom(tmp_path)
+    for count, said in enumerate(("no file there", "1 file, which is none", "2 files, none of them one")):
+        with pytest.raises(ScanError, match=f"got {said};"):
+            read_dicom(tmp_path)
+        (tmp_path / f"{count}.txt").write_text("hello")
 
 
 @given(seed=st.integers(0, 2**32 - 1))

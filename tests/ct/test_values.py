@@ -45,6 +45,33 @@ def test_values_that_no_ct_has(values: np.ndarray, message: str) -> None:
         check_values(scan(values))
 
 
+@pytest.mark.parametrize(
+    ("shift_hu", "told"),
+    [
+        (
+            1024,
+            "air at about 24 HU and soft tissue at about 1074; the .* seems to be lost: subtract 1024",
+        ),
+        (-1024, "air at about −2024 HU and soft tissue at about −974; the .* seems to be applied twice: add 1024"),
+    ],
+    ids=["lost", "twice"],
+)
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.name)
+def test_a_rescale_intercept_that_is_lost_or_applied_twice_is_named(path: Path, shift_hu: int, told: str) -> None:
+    if not path.is_file():
+        pytest.skip(f"{path.name} of the shared data is not here")
+    with pytest.raises(ScanError, match=told):
+        check_values(scan(read_file(path).volume.hu.astype(int) + shift_hu))
+
+
+@pytest.mark.parametrize("beyond_hu", [-1500, -2000, -2048, -3024])
+def test_what_scanners_write_beyond_the_picture_is_no_lost_intercept(beyond_hu: int) -> None:
+    values = phantom(-1000, -90, 40, 900)
+    index = np.arange(72) - 35.5
+    values[index[:, None] ** 2 + index**2 > 34**2] = beyond_hu
+    check_values(scan(values))
+
+
 @pytest.mark.parametrize("path", REAL, ids=lambda path: path.name)
 @pytest.mark.parametrize("noise_hu", [0, 60, 150])
 def test_real_scans_are_cts(path: Path, noise_hu: float) -> None:
@@ -99,3 +126,10 @@ def test_voxels_of_no_size_that_scanners_make(size_mm: float) -> None:
     hu = scan(phantom(-1000, -90, 40, 900)).volume.hu
     with pytest.raises(ScanError, match=r"voxels of 0.02 to 30 mm, got 1×1×"):
         check_values(Scan(Volume(hu, np.diag([1, 1, size_mm, 1])), "NRRD", 1.0))
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(0.001, "metres"), (1000.0, "micrometres")])
+def test_voxels_in_another_unit_are_told_so(factor: float, unit: str) -> None:
+    hu = scan(phantom(-1000, -90, 40, 900)).volume.hu
+    with pytest.raises(ScanError, match=rf"are the spacings in {unit}\?"):
+        check_values(Scan(Volume(hu, np.diag([2 * factor, 2 * factor, 2 * factor, 1])), "NRRD", 1.0))

@@ -7,7 +7,7 @@ import numpy as np
 from naris.airway.block import Block
 from naris.core.anatomy import Passage
 from naris.report.anatomy_page import anatomy_page
-from naris.report.anatomy_sheet import SHARES, cuts, views_down
+from naris.report.anatomy_sheet import SHARES, cuts, view_places, views_down
 from naris.report.pictures import region_colours
 from tests.winding_tube import RADIUS_MM, SLABS, winding_tube
 
@@ -63,6 +63,26 @@ def test_four_views_down_a_passage_show_something() -> None:
         assert image.std() > 10
         red, _, blue = image.reshape(-1, 3).mean(axis=0)
         assert red > 1.2 * blue
+
+
+def test_views_lie_closer_where_it_is_narrow() -> None:
+    """Four in a way of 60 mm whose middle third is narrow: two of them are there, none next to another."""
+    along_mm = np.arange(61.0)
+    clearance_mm = np.where((along_mm > 20) & (along_mm < 40), 1.0, 4.0)
+    places = view_places(Passage("way", along_mm[:, None] * [0, 1, 0], clearance_mm))
+    assert places == sorted(places)
+    assert sum(20 < place < 40 for place in places) >= 2
+    assert np.diff(places).min() > 4
+
+
+def test_a_branch_is_looked_down_where_it_runs_alone() -> None:
+    along_mm = np.arange(61.0)
+    trunk = Passage("trunk", along_mm[:, None] * [0, 1, 0], np.full(61, 3.0))
+    aside_mm = np.maximum(along_mm - 30, 0)
+    branch = Passage("branch", np.stack([aside_mm, along_mm, 0 * along_mm], axis=1), np.full(61, 3.0))
+    assert min(view_places(branch, [trunk])) > 31
+    assert np.diff(view_places(branch, [trunk])).min() > 4
+    assert view_places(trunk, [trunk]) == view_places(trunk)  # what has no way of its own is shown whole
 
 
 def test_the_page_holds_all_of_it() -> None:

@@ -9,10 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from naris.airway.face import nose_tip_mm
-from naris.airway.segment import ATTACHED, SEGMENTS, Airway, segment_airway
+from naris.airway.segment import ATTACHED, SEGMENTS, Airway
 from naris.airway.segment import STEP_MM as FINE_MM
+from naris.airway.turned import airway_in
 from naris.core.volume import Volume
 from naris.ct.scan import Finding, Scan
+from naris.ct.size import check_head_size
 from naris.errors import ScanError
 
 STEP_MM = 0.8
@@ -35,6 +37,7 @@ class Fitness:
         reason: why no nasal airway can be found in it; None where one can.
         reach_mm: how far it goes beyond the tip of the nose, by direction; empty where it shows no tip.
         volume_ml: of each segment that was found.
+        step_mm: of the lattice that it was found on; None where nothing was.
         metal_ml: what is brighter than any bone.
         mouth_ml: air below the palate that is joined to the pharynx, and was cut off.
         findings: of reading it and of this look.
@@ -43,6 +46,7 @@ class Fitness:
     reason: str | None
     reach_mm: dict[str, float]
     volume_ml: dict[str, float]
+    step_mm: float | None
     metal_ml: float
     mouth_ml: float
     findings: tuple[Finding, ...]
@@ -58,6 +62,7 @@ class Fitness:
             "reason": self.reason,
             "reach_mm": self.reach_mm,
             "volume_ml": self.volume_ml,
+            "step_mm": self.step_mm,
             "metal_ml": self.metal_ml,
             "mouth_ml": self.mouth_ml,
             "findings": [one.to_json() for one in self.findings],
@@ -66,13 +71,14 @@ class Fitness:
 
 def inspect_scan(scan: Scan, step_mm: float = STEP_MM) -> Fitness:
     """Look at a scan and try to find the airway in it; a scan that will not do is an answer, no error."""
-    found = _found(scan.volume, step_mm)
-    if isinstance(found, str):
+    try:
+        found = airway_in(scan.volume, sorted({step_mm, min(step_mm, FINE_MM)}, reverse=True))
+    except ScanError as error:
         look = look_at(scan)
-        return Fitness(found, look.reach_mm, {}, look.metal_ml, look.mouth_ml, look.findings)
+        return Fitness(str(error), look.reach_mm, {}, None, look.metal_ml, look.mouth_ml, look.findings)
     look = look_at(scan, found)
     volumes = {name: round(found.volume_ml(number + 1), 2) for number, name in enumerate(SEGMENTS)}
-    return Fitness(None, look.reach_mm, volumes, look.metal_ml, look.mouth_ml, look.findings)
+    return Fitness(None, look.reach_mm, volumes, found.block.step_mm, look.metal_ml, look.mouth_ml, look.findings)
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,8 @@ def look_at(scan: Scan, airway: Airway | None = None) -> Look:
     findings = [*scan.findings, *_coarse(scan)]
     metal_ml, highest_mm = _metal(scan.volume)
     try:
+        if airway is None:
+            check_head_size(scan.volume)
         tip_mm = nose_tip_mm(scan.volume) if airway is None else airway.landmarks_mm["anterior tip"]
     except ScanError:
         return Look({}, metal_ml, 0.0, (*findings, *_metal_told(metal_ml, highest_mm, None)))
@@ -114,17 +122,6 @@ def look_at(scan: Scan, airway: Airway | None = None) -> Look:
 
 def _floor_mm(airway: Airway) -> float:
     return min(float(airway.landmarks_mm[f"{side}.nasal floor"][2]) for side in ("left", "right"))
-
-
-def _found(volume: Volume, step_mm: float) -> Airway | str:
-    """The airway, on a finer lattice where a coarse one does not do; or why there is none."""
-    reason = ""
-    for step in dict.fromkeys((step_mm, min(step_mm, FINE_MM))):
-        try:
-            return segment_airway(volume, step)
-        except ScanError as error:
-            reason = str(error)
-    return reason
 
 
 def _coarse(scan: Scan) -> list[Finding]:

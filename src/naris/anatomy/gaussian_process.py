@@ -12,6 +12,7 @@ moves with them (`naris.anatomy.carry`).
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from jaxtyping import Float, Float32
 
 from naris.anatomy.carry import carried_along
 from naris.anatomy.crossings import crossings, uncrossed
+from naris.anatomy.drawn import CLOSED, CROSSING, Drawn, reasons
 from naris.anatomy.nasal_cycle import NasalCycle
 from naris.anatomy.shape_curves import MOST_SD
 from naris.core.anatomy import Anatomy, Between
@@ -121,6 +123,10 @@ class GaussianProcess:
         return GaussianProcess(anatomy, deformation, points, modes, basis, cycle, own)  # type: ignore[arg-type]
 
     def patient(self, seed: int, number: int) -> Anatomy:
+        """The anatomy of `draw`, without what was passed over."""
+        return self.draw(seed, number).anatomy
+
+    def draw(self, seed: int, number: int) -> Drawn:
         """The virtual patient number `number` of a population; it depends on the seed and its number alone.
 
         Coefficients are normal, none beyond 2.5. Where the nasal cycle would make faces cross it is taken back. A draw
@@ -131,7 +137,7 @@ class GaussianProcess:
             InputError: if twenty draws in a row are.
         """
         rng = np.random.default_rng([seed, number])
-        d, sided = self.deformation, self.has_sides
+        d, sided, passed_over = self.deformation, self.has_sides, Counter({CROSSING: 0, CLOSED: 0})
         for draw in range(1, _TRIES + 1):
             if draw > 1 and draw % _TOLD_EVERY == 1:
                 log.info("patient %d: %d of at most %d draws cross walls or close passages", number, draw - 1, _TRIES)
@@ -141,9 +147,10 @@ class GaussianProcess:
             deformed = self._deformed(drawn)
             vertices = uncrossed(deformed, deformed + self.cycle.shift_mm(cycle), self.anatomy.faces)
             if len(crossings(vertices, self.anatomy.faces)) > self.crossings:
+                passed_over[CROSSING] += 1
                 continue
             try:
-                return carried_along(
+                nose = carried_along(
                     self.anatomy,
                     vertices,
                     f"virtual patient {number} of seed {seed}",
@@ -156,9 +163,13 @@ class GaussianProcess:
                     + (f", draw {draw}" if draw > 1 else ""),
                 )
             except PoseError:
+                passed_over[CLOSED] += 1
                 continue
+            return Drawn(nose, dict(+passed_over))
         raise InputError(
-            "deformations that leave passages open and walls apart", f"none in {_TRIES} draws", "deform it less"
+            "deformations that leave passages open and walls apart",
+            f"none in {_TRIES} draws ({reasons(passed_over)})",
+            "deform it less",
         )
 
     def _deformed(self, drawn: list[Float[np.ndarray, "_k _n"]]) -> Float[np.ndarray, "v 3"]:

@@ -11,6 +11,7 @@ import io
 import json
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -22,6 +23,7 @@ from jaxtyping import Float, Float32
 from naris.anatomy.carry import carried_along
 from naris.anatomy.correspondence import correspond
 from naris.anatomy.crossings import crossings
+from naris.anatomy.drawn import CLOSED, CROSSING, Drawn, reasons
 from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.anatomy.shape_curves import MOST_SD, ShapeCurves, principal, shape_curves
 from naris.core.anatomy import Anatomy
@@ -69,6 +71,10 @@ class ShapeModel:
         return self.mean.vertices_mm + np.tensordot(coefficients, self.modes_mm.astype(np.float64), axes=1)
 
     def patient(self, seed: int, number: int) -> Anatomy:
+        """The anatomy of `draw`, without what was passed over."""
+        return self.draw(seed, number).anatomy
+
+    def draw(self, seed: int, number: int) -> Drawn:
         """The virtual patient number `number` of a population; it depends on the seed and its number alone.
 
         Coefficients are normal, none beyond 2.5. A draw in which more faces cross than in the mean, or a passage leaves
@@ -78,24 +84,28 @@ class ShapeModel:
             InputError: if twenty draws in a row are.
         """
         rng = np.random.default_rng([seed, number])
+        passed_over = Counter({CROSSING: 0, CLOSED: 0})
         for draw in range(1, _TRIES + 1):
             coefficients = np.clip(rng.standard_normal(len(self.modes_mm)), -MOST_SD, MOST_SD)
             vertices = self.vertices_mm(coefficients)
             if len(crossings(vertices, self.mean.faces)) > self._crossings_of_mean:
+                passed_over[CROSSING] += 1
                 continue
-            told = " ".join(f"{value:+.2f}" for value in coefficients) + (f", draw {draw}" if draw > 1 else "")
+            at = " ".join(f"{value:+.2f}" for value in coefficients) + (f", draw {draw}" if draw > 1 else "")
             try:
-                return carried_along(
+                nose = carried_along(
                     self.mean,
                     vertices,
                     f"virtual patient {number} of seed {seed}",
-                    f"a shape model of {self.patients} patients at {told}",
+                    f"a shape model of {self.patients} patients at {at}",
                 )
             except PoseError:
+                passed_over[CLOSED] += 1
                 continue
+            return Drawn(nose, dict(+passed_over))
         raise InputError(
             "shapes whose passages are open and whose walls are apart",
-            f"none in {_TRIES} draws",
+            f"none in {_TRIES} draws ({reasons(passed_over)})",
             "build it of other patients",
         )
 

@@ -38,6 +38,12 @@ def is_whole_anatomy(what: str) -> bool:
     return what == BUILTIN or path.name == DESCRIPTION or (path / DESCRIPTION).is_file()
 
 
+def folder_of(what: str) -> Path:
+    """Where that lies which is kept beside an anatomy."""
+    path = Path(what)
+    return path if path.is_dir() else path.parent
+
+
 def is_anatomy(what: str) -> bool:
     """Whether a word means an anatomy at all, by its name and without reading it."""
     return is_whole_anatomy(what) or (Path(what).suffix.lower() in READERS and not Path(what).is_dir())

@@ -39,8 +39,9 @@ class Options:
 
 def run(options: Options, console: Console) -> int:
     """Reads or makes the anatomy, tells what it is, keeps it if asked."""
+    from naris.airway.cut import carry_cut
     from naris.anatomy.folder import save_anatomy
-    from naris.cli.anatomies import is_whole_anatomy, open_anatomy, shaped_nose
+    from naris.cli.anatomies import folder_of, is_whole_anatomy, open_anatomy, shaped_nose
 
     if is_whole_anatomy(options.anatomy):
         refuse(options, ("unit", "frame"), "only with a surface file", f"the anatomy {options.anatomy}")
@@ -55,6 +56,7 @@ def run(options: Options, console: Console) -> int:
     data = _describe(anatomy)
     if options.out is not None:
         save_anatomy(anatomy, options.out)
+        carry_cut(anatomy.source, folder_of(options.anatomy), options.out)
         draw_page(anatomy, options.out, data)
         data |= {"folder": options.out, "picture": options.out / PICTURE}
     console.answer(data, _text(data))
@@ -63,12 +65,12 @@ def run(options: Options, console: Console) -> int:
 
 def draw_page(anatomy: Anatomy, folder: Path, described: dict[str, Any] | None = None) -> None:
     """Writes the picture of an anatomy, with its first regions in colour, into its folder; it is described once."""
+    from naris.airway.cut import read_cut
     from naris.core.atomic import write_text
     from naris.report.anatomy_page import anatomy_page
 
-    write_text(
-        folder / PICTURE, anatomy_page(anatomy, anatomy.region_set().name, _facts(described or _describe(anatomy)))
-    )
+    facts, scan = _facts(described or _describe(anatomy)), read_cut(folder, anatomy.source)
+    write_text(folder / PICTURE, anatomy_page(anatomy, anatomy.region_set().name, facts, scan))
 
 
 def interrupted(options: Options) -> str:

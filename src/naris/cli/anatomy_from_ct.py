@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from naris.anatomy.scanned import ScannedAnatomy
     from naris.ct.scan import Finding, Scan
 
-SEGMENTATION, PICTURE = "segmentation.seg.nrrd", "anatomy.html"
+SEGMENTATION, PICTURE, RECORD = "segmentation.seg.nrrd", "anatomy.html", "from_ct.json"
+SCHEMA = "naris.from-ct/1"
 NO_AIRWAY = 1
 
 
@@ -27,13 +28,14 @@ class Options:
     scan: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="SCAN")]
     """A DICOM folder or file, or a .nrrd, .nii, .nii.gz, .mha or .mhd file, in Hounsfield units."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")]
-    """Folder for the anatomy: new, empty, or one with an anatomy of the same scan, which is replaced."""
+    """Folder for the anatomy: new, empty, or one with an anatomy of the same scan, which is replaced where it was made
+    under other settings."""
     series: Annotated[IfGiven[str], tyro.conf.arg(metavar="KEY")] = None
     """Which DICOM series, where a folder holds several (the message that says so lists them)."""
     name: str = "patient"
     """What to call the anatomy; it goes into every output, so no name of a person."""
     step_mm: float = 0.5
-    """Of the lattice that the scan is looked at on."""
+    """Of the lattice that the scan is looked at on: 0.2 to 1.0."""
     sinuses: bool = False
     """Keep the sinuses and what else opens into the nose, instead of the nasal cavities and the nasopharynx alone."""
 
@@ -41,9 +43,8 @@ class Options:
 def run(options: Options, console: Console) -> int:
     """Reads, segments, makes the surface and keeps all of it; exit status 1 where there is no usable airway."""
     from naris.airway.fitness import look_at
-    from naris.airway.segment import segment_airway
-    from naris.airway.segments import write_segments
-    from naris.anatomy.folder import check_folder, save_anatomy
+    from naris.airway.turned import airway_in
+    from naris.anatomy.folder import check_folder
     from naris.anatomy.scanned import anatomy_of_airway
     from naris.ct.read import read_scan
     from naris.errors import PoseError, ScanError, SurfaceError
@@ -55,11 +56,15 @@ def run(options: Options, console: Console) -> int:
     check_folder(options.out)
     scan = read_scan(options.scan, options.series, console.progress)
     _check_same(scan, options.out)
+    settings = _settings(scan, options)
+    if (earlier := _earlier(settings, options.out)) is not None:
+        console.answer(earlier, f"{_text(earlier)}\nit was there already, of these settings; nothing was done")
+        return 0
     with console.progress.task("anatomy", 3) as advance:
         try:
-            airway = segment_airway(scan.volume, options.step_mm)
+            airway = airway_in(scan.volume, [options.step_mm])
             advance(1)
-            made = anatomy_of_airway(airway, options.name, _source(scan, options.step_mm), attached=options.sinuses)
+            made = anatomy_of_airway(airway, options.name, _source(scan, options), attached=options.sinuses)
             advance(1)
         except (ScanError, SurfaceError) as error:
             return _no_airway(str(error), look_at(scan).findings, options.out, console)
@@ -69,15 +74,28 @@ def run(options: Options, console: Console) -> int:
             )
             return _no_airway(reason, look_at(scan, airway).findings, options.out, console)
         findings = tuple(dict.fromkeys((*look_at(scan, airway).findings, *made.findings)))
-        for name in (SEGMENTATION, PICTURE):
-            (options.out / name).unlink(missing_ok=True)  # no anatomy shall stand beside those of another
-        save_anatomy(made.anatomy, options.out)
-        write_segments(airway, options.out / SEGMENTATION)
-        data = _describe(made, airway, findings, options.out)
-        _write_picture(made, airway, data, options.out)
+        found = _describe(made, airway, findings)
+        _keep(made, airway, {"schema": SCHEMA, "settings": settings, "found": found}, options.out)
         advance(1)
+    data = found | _places(options.out, already=False)
     console.answer(data, _text(data))
     return 0
+
+
+def _keep(made: ScannedAnatomy, airway: Airway, record: dict[str, Any], folder: Path) -> None:
+    """Writes all of it; the record comes last, as a folder without one is made anew."""
+    from naris.airway.cut import write_cut
+    from naris.airway.segments import write_segments
+    from naris.anatomy.folder import save_anatomy
+    from naris.core.atomic import write_json
+
+    for name in (SEGMENTATION, PICTURE, RECORD):
+        (folder / name).unlink(missing_ok=True)  # no anatomy shall stand beside those of another
+    save_anatomy(made.anatomy, folder)
+    write_segments(airway, folder / SEGMENTATION)
+    write_cut(airway.block, made.anatomy.bounds_mm, made.anatomy.source, folder)
+    _write_picture(made, airway, record["found"], folder)
+    write_json(folder / RECORD, record)
 
 
 def _check_same(scan: Scan, out: Path) -> None:
@@ -108,9 +126,47 @@ def interrupted(options: Options) -> str:
     return "what is in the folder is whole or missing; run the same command again"
 
 
-def _source(scan: Scan, step_mm: float) -> str:
+def _source(scan: Scan, options: Options) -> str:
     spacing = "×".join(f"{edge:.3g}" for edge in scan.volume.spacing_mm)
-    return f"{scan.format} CT of {spacing} mm, {_values(scan)}, segmented at {step_mm:g} mm"
+    sinuses = " with what opens into the nose" if options.sinuses else ""
+    return f"{scan.format} CT of {spacing} mm, {_values(scan)}, segmented at {options.step_mm:g} mm{sinuses}"
+
+
+def _settings(scan: Scan, options: Options) -> dict[str, Any]:
+    """All that decides what is found: where these are the same, so is the anatomy."""
+    import naris
+
+    return {
+        "naris": naris.__version__,
+        "scan": _values(scan),
+        "frame_T_index": scan.volume.frame_T_index.tolist(),
+        "name": options.name,
+        "step_mm": options.step_mm,
+        "sinuses": options.sinuses,
+    }
+
+
+def _earlier(settings: dict[str, Any], folder: Path) -> dict[str, Any] | None:
+    """What an earlier run under the same settings answered, where all that it kept is still there."""
+    import json
+
+    from naris.anatomy.folder import load_anatomy
+    from naris.errors import NarisError
+
+    if not all((folder / name).is_file() for name in (RECORD, SEGMENTATION, PICTURE)):
+        return None
+    try:
+        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        found = dict(record["found"]) if (record["schema"], record["settings"]) == (SCHEMA, settings) else None
+        whole = found is not None and load_anatomy(folder, passages=False).digest == found["digest"]
+    except (ValueError, LookupError, TypeError, NarisError):
+        return None  # a record or an anatomy that was changed by hand is made anew
+    return found | _places(folder, already=True) if found is not None and whole else None
+
+
+def _places(folder: Path, *, already: bool) -> dict[str, Any]:
+    kept = {"folder": folder, "segmentation": folder / SEGMENTATION, "picture": folder / PICTURE}
+    return kept | {"already": already}
 
 
 def _values(scan: Scan) -> str:
@@ -122,7 +178,7 @@ def _values(scan: Scan) -> str:
     return f"values {hashlib.sha256(np.ascontiguousarray(scan.volume.hu).tobytes()).hexdigest()[:16]}"
 
 
-def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...], folder: Path) -> dict[str, Any]:
+def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...]) -> dict[str, Any]:
     from naris.airway.segment import SEGMENTS
     from naris.cli.anatomy import nasal_frame
 
@@ -133,6 +189,7 @@ def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...
         "digest": made.anatomy.digest,
         "frame": made.anatomy.frame,
         "volume_ml": {name: round(airway.volume_ml(i + 1), 2) for i, name in enumerate(SEGMENTS)},
+        "step_mm": airway.block.step_mm,
         "faces": len(made.anatomy.faces),
         "genus": made.genus,
         "smoothed_mm": {"mean": round(float(made.moved_mm.mean()), 3), "most": round(float(made.moved_mm.max()), 3)},
@@ -140,9 +197,6 @@ def _describe(made: ScannedAnatomy, airway: Airway, findings: tuple[Finding, ...
         "landmarks_mm": {name: point.round(2).tolist() for name, point in made.anatomy.landmarks_mm.items()},
         "nasal_frame": nasal_frame(made.anatomy),
         "findings": [one.to_json() for one in findings],
-        "folder": folder,
-        "segmentation": folder / SEGMENTATION,
-        "picture": folder / PICTURE,
     }
 
 

@@ -68,6 +68,9 @@ def _text(data: dict[str, Any]) -> str:
     if data["reach_mm"]:
         reach = ", ".join(f"{name} {mm:.0f} mm" for name, mm in data["reach_mm"].items())
         lines.append(f"  beyond the tip of the nose: {reach}")
+    if data["step_mm"]:
+        lattice = f"on a lattice of {data['step_mm']:g} mm"
+        lines.append(f"  volumes at a glance, {lattice}; naris anatomy from-ct measures them:")
     lines += [f"  {name:<24}{ml:6.1f} ml" for name, ml in data["volume_ml"].items() if ml]
     lines += [f"  {one['weight']}: {one['text']}" for one in data["findings"]]
     return "\n".join(lines)

@@ -5,6 +5,7 @@ smooth deformations of one anatomy.
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +18,7 @@ from naris.cli.console import Console
 from naris.cli.options import IfGiven, refuse
 
 if TYPE_CHECKING:
-    from naris.core.anatomy import Anatomy
+    from naris.anatomy.drawn import Drawn
 
 PATIENTS = "patients.json"
 SCHEMA = "naris.patients/1"
@@ -54,10 +55,10 @@ class Options:
     around: Annotated[IfGiven[str], tyro.conf.arg(metavar="ANATOMY")] = None
     """An anatomy to deform smoothly instead: `builtin`, a folder, a surface file. Not with --model."""
     amplitude_mm: IfGiven[float] = None
-    """How far points move, in mm along each axis (standard deviation), at most 5; 0.8 when not given. Beyond 3
+    """How far points move, in mm along each axis (standard deviation), 0 to 5; 0.8 when not given. Beyond 3
     few draws leave the passages of a nose open. Only with --around."""
     scale_mm: IfGiven[float] = None
-    """Over how many mm points move alike; 12 when not given. Only with --around."""
+    """Over how many mm points move alike, above 0; 12 when not given. Only with --around."""
     asymmetry: IfGiven[float] = None
     """From 0, both sides as mirror images, to 1, each on its own; 0.3 when not given. Only with --around."""
     cycle_mm: IfGiven[float] = None
@@ -69,6 +70,7 @@ class Options:
 
 def run(options: Options, console: Console) -> int:
     """Makes the patients that are not there yet, and pictures of them if asked."""
+    from naris.anatomy.drawn import told
     from naris.anatomy.folder import DESCRIPTION, load_anatomy, save_anatomy
     from naris.cli.anatomy import PICTURE, draw_page
     from naris.errors import NarisError
@@ -82,27 +84,32 @@ def run(options: Options, console: Console) -> int:
             folder = options.out / f"{number:04d}"
             if not (folder / DESCRIPTION).is_file():
                 try:
-                    nose = draw(options.seed, number)
+                    drawn = draw(options.seed, number)
                 except NarisError as error:
                     _log.warning("no patient %d: %s", number, error)
                     missing.append(number)
                 else:
-                    save_anatomy(nose, folder)
-                    made.append({"folder": folder, **_told(nose)})
+                    save_anatomy(drawn.anatomy, folder)
+                    made.append({"folder": folder, **_told(drawn)})
             if options.pictures and (folder / DESCRIPTION).is_file() and not (folder / PICTURE).is_file():
                 draw_page(load_anatomy(str(folder)), folder)
             advance(1)
     data = {"seed": options.seed, "count": options.count, "made": made, "missing": missing, "folder": options.out}
+    passed_over = dict(sum((Counter(one["passed_over"]) for one in made), Counter[str]()))
+    over = f"; {told(passed_over)}" if made else ""
     kept = options.count - len(made) - len(missing)
     patients = "patient" if len(made) == 1 else "patients"
-    already = f", {kept} were there already" if kept else ""
+    already = f", {kept} {'was' if kept == 1 else 'were'} there already" if kept else ""
     none = f"; no nose came of {len(missing)} more, which stay missing" if missing else ""
-    drawn = f", each with a picture ({PICTURE})" if options.pictures else ""
-    console.answer(data, f"{len(made)} virtual {patients} made in {options.out}{already}{none}{drawn}")
+    pictured = f", each with a picture ({PICTURE})" if options.pictures else ""
+    console.answer(
+        data | {"passed_over": passed_over},
+        f"{len(made)} virtual {patients} made in {options.out}{already}{pictured}{over}{none}",
+    )
     return SOME_MISSING if missing else 0
 
 
-def _population(options: Options) -> tuple[Callable[[int, int], Anatomy], str]:
+def _population(options: Options) -> tuple[Callable[[int, int], Drawn], str]:
     """What draws a patient from a seed and a number, and what it is called."""
     if options.model is not None or options.around is not None:
         refuse(options, ("variant",), "only with the built-in nose and its ranges", "--model or --around")
@@ -113,7 +120,7 @@ def _population(options: Options) -> tuple[Callable[[int, int], Anatomy], str]:
 
         refuse(options, ("around",), "without a shape model", f"--model {options.model}")
         model = load_shape_model(options.model)
-        return model.patient, f"shape model of mean {model.mean.digest[:16]}"
+        return model.draw, f"shape model of mean {model.mean.digest[:16]}"
     if options.around is not None:
         from naris.anatomy.gaussian_process import Deformation, GaussianProcess
         from naris.cli.anatomies import open_anatomy
@@ -125,13 +132,13 @@ def _population(options: Options) -> tuple[Callable[[int, int], Anatomy], str]:
         if not process.has_sides:
             refuse(options, _OF_TWO_SIDES, "only with landmarks of both sides", f"none in {anatomy.name}")
         told = ", ".join(f"{name} {getattr(deformation, name):g}" for name in _OF_A_PROCESS)
-        return process.patient, f"process around {anatomy.digest[:16]}, {told}"
-    from naris.anatomy.builtin.variation import virtual_patient
+        return process.draw, f"process around {anatomy.digest[:16]}, {told}"
+    from naris.anatomy.builtin.variation import draw_patient
 
     if options.variant is not None:
         variant = options.variant.replace("-", " ")
-        return partial(virtual_patient, variant=variant), f"normal ranges and {variant}"
-    return virtual_patient, "normal ranges"
+        return partial(draw_patient, variant=variant), f"normal ranges and {variant}"
+    return draw_patient, "normal ranges"
 
 
 def interrupted(options: Options) -> str:
@@ -168,5 +175,6 @@ def _words(population: dict[str, Any]) -> str:
     return f"seed {population['seed']} from the {population['drawn_from']}" if population else "something else"
 
 
-def _told(nose: Anatomy) -> dict[str, Any]:
-    return {"name": nose.name, "digest": nose.digest, "source": nose.source}
+def _told(drawn: Drawn) -> dict[str, Any]:
+    nose = drawn.anatomy
+    return {"name": nose.name, "digest": nose.digest, "source": nose.source, "passed_over": dict(drawn.passed_over)}

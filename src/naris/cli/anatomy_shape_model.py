@@ -33,7 +33,7 @@ class Options:
     reference: Annotated[str, tyro.conf.arg(metavar="ANATOMY")] = "builtin"
     """Whose mesh, regions and passages the model has; its own shape counts only if it is given as a patient, too."""
     virtual: IfGiven[int] = None
-    """How many virtual noses to build it of; 24 when not given. Not with patients."""
+    """How many virtual noses to build it of, 3 to 100; 24 when not given. Not with patients."""
 
 
 def run(options: Options, console: Console) -> int:

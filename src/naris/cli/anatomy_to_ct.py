@@ -29,17 +29,17 @@ class Options:
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE.nrrd|DIR")]
     """A new file whose name ends in .nrrd, or a new or empty folder for a DICOM series."""
     spacing_mm: tuple[float, float, float] = (0.5, 0.5, 1.0)
-    """Of the voxels: to the left, backwards and from slice to slice."""
+    """Of the voxels: to the left, backwards and from slice to slice; each above 0."""
     thickness_mm: Annotated[IfGiven[float], tyro.conf.arg(metavar="MM")] = None
-    """Of a slice; when not given, the distance to the next."""
+    """Of a slice, above 0; when not given, the distance to the next."""
     blur_mm: float = 0.4
-    """Standard deviation of the point spread within a slice."""
+    """Standard deviation of the point spread within a slice; 0 for none."""
     noise_hu: float = 25.0
-    """Standard deviation of the noise."""
+    """Standard deviation of the noise; 0 for none."""
     tilt_deg: float = 0.0
     """Of the gantry, about the axis from ear to ear; at most 30 either way."""
     metal: int = 0
-    """Fillings in the upper teeth, with their streaks."""
+    """Fillings in the upper teeth, with their streaks; 0 to 64."""
     seed: int = 0
     """Of noise and metal."""
 

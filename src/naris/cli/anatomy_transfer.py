@@ -33,18 +33,20 @@ class Options:
     regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
     """Which region set of the references; their first when not given. Only with --reference."""
     virtual: IfGiven[int] = None
-    """How many virtual noses to carry from; 12 when not given, about ten seconds each. Not with --reference."""
+    """How many virtual noses to carry from, 1 to 100; 12 when not given, about ten seconds each. Not with
+    --reference."""
 
 
 def run(options: Options, console: Console) -> int:
     """Lays the references on the anatomy and keeps it with its regions; exit status 1 where these are not sure."""
+    from naris.airway.cut import carry_cut
     from naris.anatomy.correspondence import check_laid
     from naris.anatomy.folder import check_folder, save_anatomy
     from naris.anatomy.transfer import transfer_regions, virtual_references
-    from naris.cli.anatomies import open_anatomy
+    from naris.cli.anatomies import folder_of, open_anatomy
 
     if options.reference:
-        refuse(options, ("virtual",), "without --reference", f"{len(options.reference)} references")
+        refuse(options, ("virtual",), "without --reference", _references(len(options.reference)))
     else:
         refuse(options, ("regions",), "only with --reference", "virtual noses, which have anatomical regions")
     check_folder(options.out)
@@ -67,6 +69,7 @@ def run(options: Options, console: Console) -> int:
     others = {name: one for name, one in target.regions.items() if name != found.regions.name}
     made = target.with_(regions={found.regions.name: found.regions, **others})
     save_anatomy(made, options.out)
+    carry_cut(made.source, folder_of(options.anatomy), options.out)
     _write_picture(made, data, options.out)
     data |= {"folder": options.out, "picture": options.out / PICTURE}
     console.answer(data, f"{_text(data)}\nkept in {options.out}, picture in {options.out / PICTURE}")
@@ -110,7 +113,7 @@ def _text(data: dict[str, Any]) -> str:
     lines = [
         f"{data['anatomy']}: regions {data['region_set']}, "
         f"expected to be right for {100 * data['likely']:.0f} % of the lumen",
-        f"  {len(data['references'])} {'reference' if len(data['references']) == 1 else 'references'}; "
+        f"  {_references(len(data['references']))}; "
         f"{best['name']} lies nearest, {best['off_mm']:.2f} mm off on average",
     ]
     for name, one in data["regions"].items():
@@ -119,13 +122,20 @@ def _text(data: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _references(count: int) -> str:
+    return "1 reference" if count == 1 else f"{count} references"
+
+
 def _write_picture(made: Anatomy, data: dict[str, Any], folder: Path) -> None:
+    from naris.airway.cut import read_cut
     from naris.core.atomic import write_text
     from naris.report.anatomy_page import anatomy_page
 
+    count = len(data["references"])
+    noses = "another nose" if count == 1 else f"{count} other noses"
     facts = {
         "from": made.source,
-        "regions": f"{data['region_set']}, carried from {len(data['references'])} other noses, expected to be right for"
+        "regions": f"{data['region_set']}, carried from {noses}, expected to be right for"
         f" {100 * data['likely']:.0f} % of the lumen",
     }
-    write_text(folder / PICTURE, anatomy_page(made, data["region_set"], facts))
+    write_text(folder / PICTURE, anatomy_page(made, data["region_set"], facts, read_cut(folder, made.source)))

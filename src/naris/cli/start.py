@@ -34,6 +34,8 @@ _UNFIT = re.compile(
 _CHOICE = re.compile(
     r"invalid choice (?P<given>'.*') for argument '(?P<option>\S+)'\. Expected one of \((?P<those>.*)\)\.$"
 )
+_VALUELESS = re.compile(r"Missing value for argument '(?P<option>\S+)'\.(?: Expected (?P<count>\S+) values\.)?")
+_UNKNOWN_OPTIONS = re.compile(r"Unrecognized options: (?P<those>.+)$")
 _KINDS = {"int": "INT", "float": "FLOAT"}
 
 
@@ -141,12 +143,23 @@ def _one_line(box: str) -> str:
     said = " ".join(rows[:end])
     if unfit := _UNFIT.match(said):
         return f"expected {unfit['option']} {_KINDS.get(unfit['kind'], unfit['kind'])}, got {unfit['given']}"
+    if valueless := _VALUELESS.match(said):
+        return _without_value(valueless["option"], valueless["count"])
+    if unknown := _UNKNOWN_OPTIONS.match(said):
+        return f"expected options of this verb, got {unknown['those']}, which it does not have"
     if choice := _CHOICE.match(said):
         # Of an option that need not be given, tyro names `None` as well, and all in an order of chance.
         *others, last = sorted(set(re.findall(r"'(.*?)'", choice["those"])) - {"None"})
         those = f"{', '.join(others)} or {last}" if others else last
         return f"expected {choice['option']} {those}, got {choice['given']}"
     return said
+
+
+def _without_value(option: str, count: str | None) -> str:
+    """What an option lacks; tyro counts the values that it takes, and not those that came."""
+    if count is not None and count.isdecimal() and int(count) > 1:
+        return f"expected {count} values after {option}, got fewer"
+    return f"expected a value after {option}, got none"
 
 
 def _missing(framed: Sequence[str]) -> str:

@@ -114,7 +114,9 @@ def _of_one_orientation(series: Series, findings: list[Finding]) -> tuple[Image,
             "give each orientation as a series of its own",
         )
     if others:
-        text = f"{others} images in other orientations were left out"
+        text = "1 image in another orientation was left out"
+        if others > 1:
+            text = f"{others} images in other orientations were left out"
         findings.append(Finding("stray", text, "warning"))
     return tuple(groups[0])
 

@@ -97,7 +97,8 @@ class Series:
     def told(self) -> str:
         """For people: `3a5b…: CT, 120 images, number 4`."""
         number = "" if self.number is None else f", number {self.number}"
-        return f"{self.key}: {self.modality or 'no modality'}, {len(self.images)} images{number}"
+        images = "1 image" if len(self.images) == 1 else f"{len(self.images)} images"
+        return f"{self.key}: {self.modality or 'no modality'}, {images}{number}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +132,15 @@ def contents_of(folder: Path, progress: Progress = SILENT) -> Contents:
                 found[str(header.SeriesInstanceUID)].append((path, header))
             advance(1)
     if not found:
-        raise ScanError(f"DICOM images in {folder}", f"{len(paths)} files, none of them one", "check the path")
+        raise ScanError(f"DICOM images in {folder}", _no_images(len(paths)), "check the path")
     series = [_series(uid, files) for uid, files in found.items()]
     return Contents(tuple(sorted(series, key=lambda one: (-len(one.images), one.key))), tuple(strange))
+
+
+def _no_images(files: int) -> str:
+    if files == 0:
+        return "no file there"
+    return "1 file, which is none" if files == 1 else f"{files} files, none of them one"
 
 
 def is_dicom(path: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -9,6 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
 
 from naris.airway.block import Block
 from naris.anatomy.distance import SignedDistance, signed_distance
@@ -21,8 +23,8 @@ from naris.render.scene import Scene, render
 from naris.report.markup import Child, Markup, element, figure, join
 from naris.report.pictures import picture, region_colours
 
-SHARES = (0.12, 0.36, 0.6, 0.84)
-"""Of a passage's length, where its views are taken."""
+SHARES = (0.125, 0.375, 0.625, 0.875)
+"""Of a passage's own way, where its views are taken."""
 
 _PIXEL_MM = 0.2
 _MARGIN_MM = 9.0
@@ -30,7 +32,10 @@ _WINDOW_HU = (-1000.0, 600.0)
 _AIR, _TISSUE = 40, 150
 _TINT = 0.45
 _CONTOUR = (255, 90, 40)
-_NEARBY = 0.06  # of a passage's length, within which the roomiest place is taken
+_NEARBY = 0.03  # of a passage's own way, within which the roomiest place is taken
+_SHARED_MM = 1.5  # two passages that run so near to each other show the same
+_LEAST_OWN_MM = 10.0  # on less of a way there are no four places that differ
+_LEAST_ROOM_MM = 0.5
 _CAMERA = Intrinsics.from_vertical_fov(176, 176, 75.0)
 _MOST_PASSAGES = 16
 
@@ -87,9 +92,37 @@ def cuts(
 
 
 def views_down(anatomy: Anatomy) -> tuple[Down, ...]:
-    """Four views down each passage, from its roomiest places around `SHARES` of its length, along it."""
+    """Four views down each passage, along it, spread so that they differ.
+
+    What a camera sees changes as it moves by the distance to the walls, so places are spread by length over clearance;
+    where a passage runs with one before it, it shows nothing new.
+    """
     scene = Scene(anatomy)
-    return tuple(_down(scene, passage) for passage in anatomy.passages[:_MOST_PASSAGES])
+    shown = anatomy.passages[:_MOST_PASSAGES]
+    return tuple(_down(scene, passage, view_places(passage, shown[:i])) for i, passage in enumerate(shown))
+
+
+def view_places(passage: Passage, before: Sequence[Passage] = ()) -> list[int]:
+    """Which points of a passage its views are taken from: the roomiest around `SHARES` of its own way.
+
+    Args:
+        passage: to look down.
+        before: those that have been looked down.
+    """
+    steps_mm = np.linalg.norm(np.diff(passage.points_mm, axis=0), axis=1)
+    seen = [other.points_mm for other in before]
+    if seen:
+        far_mm, _ = cKDTree(np.concatenate(seen)).query(passage.points_mm[1:])
+        own_mm = np.where(far_mm > _SHARED_MM, steps_mm, 0.0)
+        steps_mm = own_mm if own_mm.sum() >= _LEAST_OWN_MM else steps_mm
+    room_mm = np.maximum(passage.clearance_mm, _LEAST_ROOM_MM)
+    way = np.concatenate([[0.0], np.cumsum(steps_mm / np.minimum(room_mm[1:], room_mm[:-1]))])
+    places = []
+    for share in SHARES:
+        off = np.abs(way - share * way[-1])
+        near = np.flatnonzero(off <= max(_NEARBY * float(way[-1]), float(off.min())))
+        places.append(int(near[passage.clearance_mm[near].argmax()]))
+    return places
 
 
 def sheet(anatomy: Anatomy, regions: RegionSet, scan: Block | None = None) -> Markup:
@@ -98,7 +131,7 @@ def sheet(anatomy: Anatomy, regions: RegionSet, scan: Block | None = None) -> Ma
         element("figure", picture(cut.image, f"{cut.name} of {anatomy.name}", 640), element("figcaption", cut.name))
         for cut in cuts(anatomy, regions, scan)
     ]
-    behind = "on the scan" if scan is not None else "air dark, tissue grey"
+    behind = "on the scan" if scan is not None else "air dark, tissue grey, as no CT is kept beside it"
     told = f"Cuts through the middle of the passages, {behind}: the wall as a line, the regions in their colours."
     if anatomy.frame == "LPS":
         told += " The patient’s left is on the right; in the sagittal cut the front is on the left."
@@ -106,6 +139,8 @@ def sheet(anatomy: Anatomy, regions: RegionSet, scan: Block | None = None) -> Ma
     rows = [_row(down) for down in views_down(anatomy)]
     if rows:
         caption = "Down each passage, upright, as an endoscope of 75° would see it; the mucosa is made up."
+        if len(rows) > 1:
+            caption += " Where passages share a way, the first of them shows it."
         parts.append(element("section", figure(rows, caption, "wide")))
     return join(parts)
 
@@ -172,13 +207,8 @@ def _grey(scan: Block, points_mm: Float[np.ndarray, "h w 3"]) -> Float[np.ndarra
     return np.asarray(np.clip((hu - low) / (high - low), 0, 1) * 255)
 
 
-def _down(scene: Scene, passage: Passage) -> Down:
+def _down(scene: Scene, passage: Passage, chosen: list[int]) -> Down:
     reach = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(passage.points_mm, axis=0), axis=1))])
-    chosen = []
-    for share in SHARES:
-        off = np.abs(reach - share * reach[-1])
-        near = np.flatnonzero(off <= max(_NEARBY * float(reach[-1]), float(off.min())))
-        chosen.append(int(near[passage.clearance_mm[near].argmax()]))
     forward = tangents(passage)[chosen]
     poses = Pose.look(passage.points_mm[chosen], forward, upright(forward), scene.anatomy.frame)
     rendering = render(scene, poses, _CAMERA, ENDOSCOPE, want=("rgb",))

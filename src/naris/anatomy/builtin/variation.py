@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from naris.anatomy.builtin.correlations import drawn_shares
@@ -9,6 +11,7 @@ from naris.anatomy.builtin.layout import layout_of
 from naris.anatomy.builtin.nose import built_in_nose
 from naris.anatomy.builtin.parameters import NORMAL_RANGES, NoseParameters
 from naris.anatomy.builtin.variants import Alteration, varied
+from naris.anatomy.drawn import CLOSED, UNFIT, Drawn
 from naris.core.anatomy import Anatomy
 from naris.errors import InputError
 
@@ -24,7 +27,12 @@ def drawn_parameters(rng: np.random.Generator) -> NoseParameters:
     Raises:
         InputError: if none of a hundred draws fits.
     """
-    for _ in range(_TRIES):
+    return _drawn_parameters(rng)[0]
+
+
+def _drawn_parameters(rng: np.random.Generator) -> tuple[NoseParameters, int]:
+    """`drawn_parameters`, and how many draws before it did not fit."""
+    for unfit in range(_TRIES):
         values = {
             name: NORMAL_RANGES[name].low + share * (NORMAL_RANGES[name].high - NORMAL_RANGES[name].low)
             for name, share in drawn_shares(rng).items()
@@ -34,14 +42,19 @@ def drawn_parameters(rng: np.random.Generator) -> NoseParameters:
             layout_of(parameters)
         except InputError:
             continue
-        return parameters
+        return parameters, unfit
     raise InputError("normal ranges whose noses fit together", f"none in {_TRIES} draws", "report this as a bug")
 
 
 def virtual_patient(seed: int, number: int, variant: str | None = None) -> Anatomy:
+    """The nose of `draw_patient`, without what was passed over."""
+    return draw_patient(seed, number, variant).anatomy
+
+
+def draw_patient(seed: int, number: int, variant: str | None = None) -> Drawn:
     """The nose number `number` of a population; it depends on the seed, its number and the variant alone.
 
-    Draws whose passages close are passed over.
+    Draws whose parts do not fit together or whose passages close are passed over.
 
     Args:
         seed, number: of it.
@@ -52,13 +65,17 @@ def virtual_patient(seed: int, number: int, variant: str | None = None) -> Anato
     """
     rng = np.random.default_rng([seed, number])
     called = f"virtual patient {number} of seed {seed}" + (f", {variant}" if variant else "")
+    passed_over = Counter({UNFIT: 0, CLOSED: 0})
     for _ in range(_TRIES):
-        parameters = drawn_parameters(rng)
+        parameters, unfit = _drawn_parameters(rng)
+        passed_over[UNFIT] += unfit
         alterations: tuple[Alteration, ...] = ()
         try:
             if variant is not None:
                 parameters, alterations = varied(variant, parameters, rng)
-            return built_in_nose(parameters, alterations=alterations).with_(name=called)
+            nose = built_in_nose(parameters, alterations=alterations).with_(name=called)
         except InputError:
+            passed_over[CLOSED] += 1
             continue
+        return Drawn(nose, dict(+passed_over))
     raise InputError("normal ranges whose noses are open", f"none in {_TRIES} draws", "report this as a bug")
