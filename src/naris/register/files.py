@@ -26,7 +26,7 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n 3"]:
     Raises:
         InputError: if there is no such file, or it holds no points.
     """
-    content = _content(path, CLOUDS, "a cloud")
+    content = content_of(path, CLOUDS, "a cloud")
     try:
         if path.suffix.lower() == ".npy":
             points = np.load(io.BytesIO(content), allow_pickle=False)
@@ -50,7 +50,7 @@ def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:
     Raises:
         InputError: if there is no such file, or it is no depth image.
     """
-    content = _content(path, DEPTHS, "a depth image")
+    content = content_of(path, DEPTHS, "a depth image")
     if path.suffix.lower() == ".npy":
         try:
             depth = np.load(io.BytesIO(content), allow_pickle=False)
@@ -63,6 +63,21 @@ def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:
     if not depth.size or np.nanmax(np.where(np.isfinite(depth), depth, 0)) <= 0:
         raise InputError(f"some depth above 0 in {path.name}", "none", "check the file")
     return np.asarray(depth, dtype=np.float64) * unit_mm
+
+
+def content_of(path: Path, suffixes: tuple[str, ...], what: str) -> bytes:
+    """All of a file.
+
+    Raises:
+        InputError: if it has another suffix, is not there, or holds more than 1 GB.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{what} as {', '.join(suffixes)}", path.name, "convert it")
+    if not path.is_file():
+        raise InputError(f"{what} at {path}", "a folder" if path.is_dir() else "no such file", "check the path")
+    if path.stat().st_size > _MOST_BYTES:
+        raise InputError(f"{what} of at most 1 GB", f"{path.stat().st_size / 1e9:.1f} GB", "thin it out")
+    return path.read_bytes()
 
 
 def slicer_transform(anatomy_T_camera: Pose) -> str:
@@ -114,16 +129,6 @@ def slicer_landmarks(anatomy: Anatomy, anatomy_T_camera: Pose | None) -> dict[st
             }
         ],
     }
-
-
-def _content(path: Path, suffixes: tuple[str, ...], what: str) -> bytes:
-    if path.suffix.lower() not in suffixes:
-        raise InputError(f"{what} as {', '.join(suffixes)}", path.name, "convert it")
-    if not path.is_file():
-        raise InputError(f"{what} at {path}", "a folder" if path.is_dir() else "no such file", "check the path")
-    if path.stat().st_size > _MOST_BYTES:
-        raise InputError(f"{what} of at most 1 GB", f"{path.stat().st_size / 1e9:.1f} GB", "thin it out")
-    return path.read_bytes()
 
 
 def _lines(text: str) -> list[str]:
