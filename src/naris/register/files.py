@@ -12,8 +12,9 @@ from PIL import Image, UnidentifiedImageError
 
 from naris.anatomy.ply import read_ply_points
 from naris.core.anatomy import Anatomy
+from naris.core.atomic import replacing
 from naris.core.pose import Pose
-from naris.errors import InputError
+from naris.errors import InputError, MachineError
 
 CLOUDS, DEPTHS = (".npy", ".ply", ".txt", ".xyz", ".csv"), (".npy", ".png", ".tif", ".tiff")
 _MOST_BYTES = 1 << 30
@@ -89,6 +90,32 @@ def slicer_transform(anatomy_T_camera: Pose) -> str:
     Raises:
         InputError: if the anatomy is not in LPS.
     """
+    numbers = " ".join(f"{x:.17g}" for x in _resampling(anatomy_T_camera))
+    return (
+        "#Insight Transform File V1.0\n#Transform 0\nTransform: AffineTransform_double_3_3\n"
+        f"Parameters: {numbers}\nFixedParameters: 0 0 0\n"
+    )
+
+
+def write_slicer_hdf5(anatomy_T_camera: Pose, path: Path) -> None:
+    """The transform of `slicer_transform` as HDF5 (`.h5`).
+
+    Raises:
+        InputError: if the anatomy is not in LPS.
+        MachineError: if it cannot be written.
+    """
+    import SimpleITK as sitk
+
+    numbers = _resampling(anatomy_T_camera)
+    with replacing(path) as part:
+        try:
+            sitk.WriteTransform(sitk.AffineTransform(numbers[:9], numbers[9:]), str(part))
+        except RuntimeError as error:
+            raise MachineError(f"to write {path}", "an error of the HDF5 library", "see that there is room") from error
+
+
+def _resampling(anatomy_T_camera: Pose) -> list[float]:
+    """`camera_T_anatomy`, the rotation row by row and then the translation."""
     if anatomy_T_camera.target != "LPS":
         raise InputError(
             "an anatomy in LPS for a transform of 3D Slicer",
@@ -96,11 +123,7 @@ def slicer_transform(anatomy_T_camera: Pose) -> str:
             "use the matrix in the JSON",
         )
     camera_T_anatomy = anatomy_T_camera.inverse().matrix
-    numbers = [*camera_T_anatomy[:3, :3].ravel(), *camera_T_anatomy[:3, 3]]
-    return (
-        "#Insight Transform File V1.0\n#Transform 0\nTransform: AffineTransform_double_3_3\n"
-        f"Parameters: {' '.join(f'{x:.17g}' for x in numbers)}\nFixedParameters: 0 0 0\n"
-    )
+    return [*camera_T_anatomy[:3, :3].ravel().tolist(), *camera_T_anatomy[:3, 3].tolist()]
 
 
 def slicer_landmarks(anatomy: Anatomy, anatomy_T_camera: Pose | None) -> dict[str, Any]:
