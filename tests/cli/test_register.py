@@ -18,6 +18,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA as CAMERA_FRAME
 from naris.core.pose import Pose, distance
 from naris.render.scene import Scene, render
+from tests.conftest import shared_file
 from tests.register.sfm.colmap_models import Model, model_of, write_binary, write_text
 from tests.register.sfm.simulated import SHOT, reconstructed
 
@@ -144,12 +145,21 @@ def test_a_shot_of_the_mean_nose_finds_its_place(
     made, mm_per_unit = reconstructed(mean, trial.anatomy_T_camera, 0)
     folder = write(model_of(made), tmp_path / "sparse")
     arguments = ["register", str(mean_nose_ply), "--cloud", str(folder), "--view", "shot 00.png", "--scale", "unknown"]
-    assert main([*arguments, "--json", "--quiet"]) == 0
+    assert main([*arguments, "--noise", f"{0.2 / mm_per_unit}", "--json", "--quiet"]) == 0
     told = json.loads(capfd.readouterr().out)
     found = Pose(np.array(told["anatomy_T_camera"]), mean.frame, CAMERA_FRAME)
     off_mm, off_rad = distance(found, trial.anatomy_T_camera)
     assert off_mm < 2 and off_rad < np.deg2rad(5)
     assert told["scale"] == pytest.approx(mm_per_unit, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_real_shot_of_another_person_is_refused(mean_nose_ply: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    shot = str(shared_file("sinus-sfm"))
+    for view in ("4584", "4600", "4618"):
+        arguments = ["register", str(mean_nose_ply), "--cloud", shot, "--view", view, "--scale", "unknown", "--quiet"]
+        assert main(arguments) == 1
+        assert capfd.readouterr().out.startswith("refused: ")
 
 
 @pytest.mark.parametrize(

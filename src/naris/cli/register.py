@@ -61,7 +61,7 @@ class Options:
     With --depth or --rig."""
     noise: IfGiven[float] = None
     """Error of each pixel or point by itself, in mm (one standard deviation, before any scale); 0.3 for a depth image,
-    0.5 for a cloud, 5 % of the median distance for a reconstruction when not given."""
+    0.5 for a cloud, 3 % of the median distance for a reconstruction when not given."""
     region: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
     """The region that the camera is in, if somebody knows."""
     regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="SET")] = None

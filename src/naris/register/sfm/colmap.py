@@ -16,7 +16,7 @@ from naris.core.camera import Brown, Fisheye, Intrinsics, Lens, Pinhole
 from naris.core.pose import CAMERA, Pose
 from naris.errors import InputError
 from naris.register.sfm.colmap_binary import read_binary
-from naris.register.sfm.colmap_rows import FILES, CameraRow, ImageRow, Rows
+from naris.register.sfm.colmap_rows import FILES, CameraRow, ImageRow, PointRows, Rows
 from naris.register.sfm.colmap_text import read_text
 from naris.register.sfm.reconstruction import WORLD, Reconstruction, View
 
@@ -100,7 +100,7 @@ def _view(row: ImageRow, cameras: dict[int, Intrinsics], rows: Rows, kind: str) 
         raise InputError(
             f"camera {row.camera} of the image {row.name}", f"none in cameras{kind}", "give files of one model"
         )
-    return View(row.name, _pose(row), cameras[row.camera], _seen(row, rows.points.numbers, kind))
+    return View(row.name, _pose(row), cameras[row.camera], _seen(row, rows.points, kind))
 
 
 def _pose(row: ImageRow) -> Pose:
@@ -115,10 +115,10 @@ def _pose(row: ImageRow) -> Pose:
     return Pose.of(Rotation.from_quat(row.quaternion, scalar_first=True).as_matrix(), numbers[4:], CAMERA, WORLD)
 
 
-def _seen(row: ImageRow, numbers: Int[np.ndarray, "n"], kind: str) -> Int[np.ndarray, "k"]:
+def _seen(row: ImageRow, points: PointRows, kind: str) -> Int[np.ndarray, "k"]:
     """Where the points that an image saw stand among all."""
     wanted = np.unique(row.points[row.points >= 0])
-    order = np.argsort(numbers)
+    numbers, order = points.numbers, points.order
     at = order[np.minimum(np.searchsorted(numbers, wanted, sorter=order), len(numbers) - 1)]
     missing = wanted[numbers[at] != wanted]
     if len(missing):

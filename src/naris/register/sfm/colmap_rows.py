@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,11 @@ class PointRows:
 
     numbers: Int[np.ndarray, "n"]
     positions: Float[np.ndarray, "n 3"]
+
+    @cached_property
+    def order(self) -> Int[np.ndarray, "n"]:
+        """That their numbers rise in: sorted once for all images."""
+        return np.argsort(self.numbers)
 
 
 @dataclass(frozen=True, eq=False)

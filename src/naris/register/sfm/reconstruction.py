@@ -20,7 +20,7 @@ WORLD = "world"
 _MOST_BEHIND = 0.1
 _FEWEST_MORE = 12
 _MOST_POINTS = 1024
-_NOISE = 0.05
+_NOISE = 0.03
 _NAMED = 3
 _MEDIAN_MM = (3.0, 30.0)
 """Between these lies the median distance to what an endoscope in a nose sees: an unknown scale is sought there."""
@@ -84,7 +84,7 @@ class Reconstruction:
 
 
 def noise_of(points: Float[np.ndarray, "n 3"]) -> PointNoise:
-    """Where nobody says how wrong the points are: 5 % of their median distance, and a tenth of them useless."""
+    """Where nobody says how wrong the points are: 3 % of their median distance, and a tenth of them useless."""
     return PointNoise(_NOISE * float(np.median(np.linalg.norm(points, axis=1))))
 
 
