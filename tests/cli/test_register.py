@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,12 +12,20 @@ import pytest
 from PIL import Image
 
 from naris.anatomy.folder import load_anatomy
+from naris.bench.trials import drawn_trials
 from naris.cli import main
 from naris.core.camera import Intrinsics
-from naris.core.pose import Pose
+from naris.core.pose import CAMERA as CAMERA_FRAME
+from naris.core.pose import Pose, distance
 from naris.render.scene import Scene, render
+from tests.conftest import shared_file
+from tests.register.sfm.colmap_models import Model, model_of, write_binary, write_text
+from tests.register.sfm.simulated import SHOT, reconstructed
 
 CAMERA = Intrinsics.from_vertical_fov(48, 40, 80.0)
+ASIDE = Pose.exp(
+    np.array([[0.0] * 6, [0.3, 0, 0.5, 0, 0.1, 0], [-0.3, 0.2, 1.0, 0.1, 0, 0]]), CAMERA_FRAME, CAMERA_FRAME
+)
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +42,15 @@ def seen(tube: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savetxt(folder / "points.txt", (CAMERA.rays() / CAMERA.rays()[..., 2:] * depth[..., None]).reshape(-1, 3)[::5])
     (folder / "camera.json").write_text(json.dumps(asdict(CAMERA)))
     np.save(folder / "truth.npy", pose.matrix)
+    both = render(Scene(anatomy), pose @ ASIDE, CAMERA, want=("depth",)).depth_mm
+    views = [{"depth": f"rig{i}.npy", "first_T_camera": ASIDE.matrix[i].tolist()} for i in range(len(ASIDE))]
+    for view, of in zip(views, both, strict=True):
+        np.save(folder / view["depth"], of)
+    (folder / "rig.json").write_text(json.dumps({"intrinsics": asdict(CAMERA), "views": views}))
+    Image.fromarray(np.full((CAMERA.height, CAMERA.width, 3), (200, 90, 80), np.uint8)).save(folder / "frame.png")
+    made, mm_per_unit = reconstructed(anatomy, pose, 3)
+    write_binary(model_of(made), folder / "colmap")
+    np.save(folder / "mm_per_unit.npy", mm_per_unit)
     return folder
 
 
@@ -57,10 +75,42 @@ def test_depth_gives_a_pose_with_all_its_files_or_none(
         assert picture.size == (CAMERA.width, CAMERA.height)
 
 
-def sorted_files(out: Path) -> list[str]:
-    order = ["registration.json", "landmarks.mrk.json", "anatomy_T_camera.tfm", "view.png", "overlay.png"]
+def sorted_files(out: Path, *more: str) -> list[str]:
+    order = ["registration.json", "landmarks.mrk.json", "anatomy_T_camera.tfm", "anatomy_T_camera.h5"]
+    order += ["view.png", "overlay.png", *more]
     assert {one.name for one in out.iterdir()} == set(order)
     return order
+
+
+def test_frames_with_their_poses_are_one_observation(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    arguments = ["--rig", str(seen / "rig.json"), "--frame", str(seen / "frame.png"), "-o", str(out)]
+    assert main(["register", str(tube), *arguments, "--probability", "0", "--json", "--quiet"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["views"] == 3
+    assert told["files"] == [str(out / name) for name in sorted_files(out, "flicker.gif")]
+    with Image.open(out / "flicker.gif") as blinks, Image.open(out / "view.png") as view:
+        assert blinks.n_frames == 2 and blinks.size == view.size == (CAMERA.width, CAMERA.height)
+        assert np.abs(np.asarray(blinks.convert("RGB"), float) - (200, 90, 80)).max() < 8
+        blinks.seek(1)
+        assert np.abs(np.asarray(blinks.convert("RGB"), float) - np.asarray(view)).mean() < 6
+
+
+@pytest.mark.parametrize("more", [[], ["--alone"]])
+def test_a_reconstruction_is_registered_from_one_of_its_pictures(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], more: list[str]
+) -> None:
+    Image.fromarray(np.zeros((SHOT.height, SHOT.width, 3), np.uint8)).save(tmp_path / "frame.png")
+    arguments = ["register", str(tube), "--cloud", str(seen / "colmap"), "--view", "shot 00.png", "--scale", "unknown"]
+    arguments += ["--frame", str(tmp_path / "frame.png"), "-o", str(tmp_path / "out"), "--probability", "0", *more]
+    assert main([*arguments, "--json", "--quiet"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    sorted_files(tmp_path / "out", "flicker.gif")
+    assert told["scale_kind"] == "unknown" and (told["views"] == 1) == bool(more)
+    off = np.linalg.norm(np.array(told["anatomy_T_camera"])[:3, 3] - np.load(seen / "truth.npy")[:3, 3])
+    assert off < 2 or told["margin"] is not None
 
 
 def test_a_refused_pose_leaves_no_transform(
@@ -84,11 +134,42 @@ def test_a_cloud_needs_no_camera(tube: Path, seen: Path, capfd: pytest.CaptureFi
     assert (told["reason"] is None) == (told["anatomy_T_camera"] is not None)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("write", [write_text, write_binary])
+def test_a_shot_of_the_mean_nose_finds_its_place(
+    mean_nose_ply: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], write: Callable[[Model, Path], Path]
+) -> None:
+    """All the way: a model of COLMAP in a unit and a world of its own, and the command line."""
+    mean = load_anatomy(str(mean_nose_ply))
+    (trial,) = drawn_trials(mean, 1, 5)
+    made, mm_per_unit = reconstructed(mean, trial.anatomy_T_camera, 0)
+    folder = write(model_of(made), tmp_path / "sparse")
+    arguments = ["register", str(mean_nose_ply), "--cloud", str(folder), "--view", "shot 00.png", "--scale", "unknown"]
+    assert main([*arguments, "--noise", f"{0.2 / mm_per_unit}", "--json", "--quiet"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    found = Pose(np.array(told["anatomy_T_camera"]), mean.frame, CAMERA_FRAME)
+    off_mm, off_rad = distance(found, trial.anatomy_T_camera)
+    assert off_mm < 2 and off_rad < np.deg2rad(5)
+    assert told["scale"] == pytest.approx(mm_per_unit, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_real_shot_of_another_person_is_refused(mean_nose_ply: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    shot = str(shared_file("sinus-sfm"))
+    for view in ("4584", "4600", "4618"):
+        arguments = ["register", str(mean_nose_ply), "--cloud", shot, "--view", view, "--scale", "unknown", "--quiet"]
+        assert main(arguments) == 1
+        assert capfd.readouterr().out.startswith("refused: ")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "either --depth or --cloud"),
-        (["--depth", "{seen}/depth.npy", "--cloud", "{seen}/points.txt"], "got both"),
+        ([], "one of --depth, --rig and --cloud"),
+        (["--depth", "{seen}/depth.npy", "--cloud", "{seen}/points.txt"], "got --depth and --cloud"),
+        (["--rig", "{seen}/rig.json"], "--intrinsics only with --depth"),
+        (["--depth", "{seen}/depth.npy", "--view", "a"], "--view only with --cloud FOLDER"),
+        (["--depth", "{seen}/depth.npy", "--alone"], "--alone only with --cloud FOLDER"),
         (["--depth", "{seen}/missing.npy"], "no such file"),
         (["--depth", "{seen}/camera.json"], "convert it"),
         (["--depth", "{seen}/depth.npy", "--scale-factor", "2"], "only with --scale prior"),
@@ -107,3 +188,24 @@ def test_what_cannot_be_used_is_one_sentence_and_leaves_nothing(
     assert main(words(tube, seen, *filled, "-o", str(out))) == 2
     assert message in capfd.readouterr().err
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--view", "shot 00.png"], "--scale with a reconstruction"),
+        (
+            ["--scale", "unknown"],
+            "a view of the reconstruction (shot 00.png, shot 01.png, shot 02.png and 3 more), got none",
+        ),
+        (["--scale", "unknown", "--view", "a"], "got 'a'"),
+        (["--scale", "unknown", "--view", "shot 00.png", "--smooth-error", "0.1"], "--smooth-error only with"),
+        (["--scale", "unknown", "--view", "shot 00.png", "--frame", "{seen}/frame.png"], "a picture of 96×80 pixels"),
+    ],
+)
+def test_of_a_reconstruction_view_and_scale_must_be_said(
+    tube: Path, seen: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    filled = [one.format(seen=seen) for one in arguments]
+    assert main(["register", str(tube), "--cloud", str(seen / "colmap"), "--quiet", *filled]) == 2
+    assert message in capfd.readouterr().err

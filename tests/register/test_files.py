@@ -8,8 +8,8 @@ import SimpleITK as sitk
 from PIL import Image
 
 from naris.core.pose import CAMERA, Pose
-from naris.errors import InputError, NarisError
-from naris.register.files import read_cloud, read_depth_image, slicer_landmarks, slicer_transform
+from naris.errors import InputError, MachineError, NarisError
+from naris.register.files import read_cloud, read_depth_image, slicer_landmarks, slicer_transform, write_slicer_hdf5
 
 POSE = Pose.exp(np.array([10.0, -20.0, 30.0, 0.3, -0.8, 1.1]), "LPS", CAMERA)
 
@@ -23,9 +23,33 @@ def test_itk_reads_the_transform_as_the_way_from_the_world_to_the_camera(tmp_pat
     np.testing.assert_allclose(read.GetInverse().TransformPoint((0.0, 0.0, 0.0)), POSE.position_mm, atol=1e-9)
 
 
-def test_no_transform_is_made_of_another_frame():
+def test_text_and_hdf5_are_one_transform(tmp_path):
+    (tmp_path / "a.tfm").write_text(slicer_transform(POSE))
+    write_slicer_hdf5(POSE, tmp_path / "a.h5")
+    text, hdf5 = (sitk.ReadTransform(str(tmp_path / name)) for name in ("a.tfm", "a.h5"))
+    assert text.GetName() == hdf5.GetName() == "AffineTransform"
+    for point in np.random.default_rng(0).uniform(-90, 90, (9, 3)).tolist():
+        np.testing.assert_allclose(hdf5.TransformPoint(point), text.TransformPoint(point), atol=1e-12)
+    assert [one.name for one in tmp_path.glob("*.h5")] == ["a.h5"]
+
+
+def test_no_transform_is_made_of_another_frame(tmp_path):
+    other = Pose(POSE.matrix, "mean", CAMERA)
     with pytest.raises(InputError, match="an anatomy in LPS"):
-        slicer_transform(Pose(POSE.matrix, "mean", CAMERA))
+        slicer_transform(other)
+    with pytest.raises(InputError, match="an anatomy in LPS"):
+        write_slicer_hdf5(other, tmp_path / "a.h5")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_written_as_hdf5_is_said(tmp_path, monkeypatch):
+    def full(*_):
+        raise RuntimeError("H5Fcreate failed")
+
+    monkeypatch.setattr(sitk, "WriteTransform", full)
+    with pytest.raises(MachineError, match="an error of the HDF5 library"):
+        write_slicer_hdf5(POSE, tmp_path / "a.h5")
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_markups_say_their_frame_and_where_the_camera_is(nose):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from naris.cli.console import Console
+from naris.cli.observed import Seen, check_observation, ground_of, observe
 from naris.cli.options import IfGiven, refuse
 from naris.errors import InputError
 
@@ -16,14 +17,14 @@ if TYPE_CHECKING:
     import numpy as np
 
     from naris.core.anatomy import Anatomy, RegionSet
-    from naris.core.camera import Intrinsics
     from naris.core.results import Registration
-    from naris.register.observation import Observation, Scale
+    from naris.register.observation import Observation
     from naris.register.starts import Belief
 
 REFUSED = 1
-RESULT, TRANSFORM, LANDMARKS = "registration.json", "anatomy_T_camera.tfm", "landmarks.mrk.json"
-VIEW, OVERLAY = "view.png", "overlay.png"
+RESULT, LANDMARKS = "registration.json", "landmarks.mrk.json"
+TRANSFORM, HDF5 = "anatomy_T_camera.tfm", "anatomy_T_camera.h5"
+VIEW, OVERLAY, FLICKER = "view.png", "overlay.png", "flicker.gif"
 SCHEMA = "naris.registration/1"
 
 
@@ -35,30 +36,38 @@ class Options:
     """The folder of an anatomy, a surface file, or the word builtin."""
     depth: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
     """Z-depth of one frame: a 16-bit PNG or TIFF, or a .npy (H, W); 0 or NaN where it is not known."""
-    cloud: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
-    """Points that the camera sees, in its frame (x right, y down, z forward): .ply, .npy, or three numbers a line."""
+    rig: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
+    """JSON that lists depth images of several frames, their cameras, and first_T_camera of each."""
+    cloud: Annotated[IfGiven[Path], tyro.conf.arg(metavar="PATH")] = None
+    """Points that the camera sees, in its frame (x right, y down, z forward): .ply, .npy, or three numbers a line.
+    Or the folder of a reconstruction: a sparse model of COLMAP (text or binary), or motion.yaml and structure.ply."""
+    view: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
+    """The picture of the reconstruction whose camera is sought. With --cloud FOLDER."""
+    alone: bool = False
+    """Take the points that this picture saw and no others. With --cloud FOLDER."""
     intrinsics: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
     """Camera of the depth image: JSON with width, height, fx, fy, cx, cy in pixels and the lens. With --depth."""
     depth_unit_mm: IfGiven[float] = None
-    """What one step of the depth image is, in mm; 1 when not given. With --depth."""
-    scale: Literal["known", "unknown", "prior"] = "known"
-    """Whether depths and points are in mm; if not, a factor is estimated. It is never guessed."""
+    """What one step of the depth image is, in mm; 1 when not given. With --depth or --rig."""
+    scale: IfGiven[Literal["known", "unknown", "prior"]] = None
+    """Whether depths and points are in mm; if not, a factor is estimated. Known when not given; of a reconstruction it
+    must be given."""
     scale_factor: IfGiven[float] = None
     """The most likely factor to mm. With --scale prior."""
     scale_spread: IfGiven[float] = None
     """How far the factor may be off, as a share (one standard deviation). With --scale prior; 0.2 when not given."""
     smooth_error: IfGiven[float] = None
     """Relative error of the depth that varies slowly over the picture (one standard deviation); 0.05 when not given.
-    With --depth."""
+    With --depth or --rig."""
     noise: IfGiven[float] = None
     """Error of each pixel or point by itself, in mm (one standard deviation, before any scale); 0.3 for a depth image,
-    0.5 for a cloud when not given."""
+    0.5 for a cloud, 3 % of the median distance for a reconstruction when not given."""
     region: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
     """The region that the camera is in, if somebody knows."""
     regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="SET")] = None
     """The region set that --region is of; by default the anatomy's first."""
     frame: Annotated[IfGiven[Path], tyro.conf.arg(metavar="PICTURE")] = None
-    """The picture: for a model to say where it was taken, and to draw the walls on."""
+    """The picture, of several the first: for a model to say where it was taken, and to draw the walls on."""
     model: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-m"], metavar="MODEL")] = None
     """Weights made by naris train on this anatomy; they say where to begin. With --frame."""
     most_tilt_deg: float = 90.0
@@ -82,9 +91,9 @@ def run(options: Options, console: Console) -> int:
 
     _check(options)
     if options.out is not None:
-        check_own(options.out, (RESULT, TRANSFORM, LANDMARKS, VIEW, OVERLAY), "a registration")
-    seen, intrinsics = _observation(options)
-    ground = _ground(options, intrinsics)
+        check_own(options.out, (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER), "a registration")
+    seen = observe(options)
+    ground = ground_of(options, seen)
     anatomy, regions = open_anatomy(options.anatomy, options.regions)
     belief = _belief(options, anatomy, regions)
     with console.progress.task("preparing the anatomy", 1) as advance:
@@ -92,11 +101,12 @@ def run(options: Options, console: Console) -> int:
         advance(1)
     with console.progress.task("registering", 1) as advance:
         config = RegisterConfig(least_probability=options.probability, seed=options.seed)
-        found = register(at, seen, belief, config)
+        found = register(at, seen.observation, belief, config)
         advance(1)
-    data = _told(found, anatomy, seen)
+    data = _told(found, anatomy, seen.observation)
     if options.out is not None:
-        data["files"] = _write(options.out, found, anatomy, _views(found, anatomy, intrinsics, ground), data)
+        looks = {} if ground is None else _looks(found, anatomy, seen, ground, flickers=options.frame is not None)
+        data["files"] = _write(options.out, found, anatomy, looks, data)
     console.answer(data, _text(data))
     return 0 if found.status == "registered" else REFUSED
 
@@ -107,75 +117,13 @@ def interrupted(options: Options) -> str:
 
 
 def _check(options: Options) -> None:
-    if options.depth is not None and options.cloud is not None:
-        raise InputError("either --depth or --cloud", "both", "give one of them")
-    if options.cloud is not None:
-        refuse(options, ("intrinsics", "depth_unit_mm", "smooth_error"), "only with --depth", "--cloud")
-    if options.scale != "prior":
-        refuse(options, ("scale_factor", "scale_spread"), "only with --scale prior", f"--scale {options.scale}")
-    elif options.scale_factor is None:
-        raise InputError("--scale-factor with --scale prior", "none", "give the most likely factor to mm")
+    check_observation(options)
     if options.region is None:
         refuse(options, ("regions",), "only with --region", "no region")
     if (options.model is not None) and options.frame is None:
         raise InputError("--frame with --model", "none", "give the picture that the model is to look at")
     if options.model is not None:
         refuse(options, ("region",), "without --model", "a model that tells the region")
-
-
-def _observation(options: Options) -> tuple[Observation, Intrinsics | None]:
-    from naris.cli.cameras import read_intrinsics
-    from naris.register.files import read_cloud, read_depth_image
-    from naris.register.observation import DepthNoise, PointNoise, from_depth, from_points
-
-    scale = _scale(options)
-    if options.cloud is not None:
-        noise = PointNoise() if options.noise is None else PointNoise(options.noise)
-        return from_points(read_cloud(options.cloud), noise, scale), None
-    if options.depth is None:
-        raise InputError("either --depth or --cloud", "neither", "give what the camera saw")
-    if options.intrinsics is None:
-        raise InputError("--intrinsics with --depth", "none", "give the camera of the depth image")
-    intrinsics, plain = read_intrinsics(options.intrinsics), DepthNoise()
-    of_depth = DepthNoise(
-        plain.smooth if options.smooth_error is None else options.smooth_error,
-        plain.reach_deg,
-        plain.pixel_mm if options.noise is None else options.noise,
-    )
-    depth = read_depth_image(options.depth, 1.0 if options.depth_unit_mm is None else options.depth_unit_mm)
-    return from_depth(depth, intrinsics, of_depth, scale), intrinsics
-
-
-def _ground(options: Options, intrinsics: Intrinsics | None) -> np.ndarray | None:
-    """What the walls are drawn on: the frame, or else the depth image."""
-    from naris.core.pictures import read_picture
-    from naris.errors import ImageError
-    from naris.register.files import read_depth_image
-    from naris.register.look import shaded
-
-    if intrinsics is None or options.depth is None:
-        return None
-    if options.frame is None:
-        return shaded(read_depth_image(options.depth, 1.0))
-    picture = read_picture(options.frame)
-    if picture.shape[:2] != (intrinsics.height, intrinsics.width):
-        raise ImageError(
-            f"a picture of {intrinsics.width}×{intrinsics.height} pixels, as the intrinsics say",
-            f"{picture.shape[1]}×{picture.shape[0]}",
-            "give the frame that the depth is of",
-        )
-    return picture
-
-
-def _scale(options: Options) -> Scale:
-    import math
-
-    from naris.register.observation import Scale
-
-    if options.scale == "prior" and options.scale_factor is not None:
-        spread = 0.2 if options.scale_spread is None else options.scale_spread
-        return Scale("prior", options.scale_factor, math.log1p(spread))
-    return Scale(options.scale)
 
 
 def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
@@ -221,6 +169,7 @@ def _told(found: Registration, anatomy: Anatomy, seen: Observation) -> dict[str,
         "sd_deg": np.rad2deg(sd[3:]).tolist(),
         "alternatives": found.alternatives.matrix.tolist(),
         "rays": len(seen),
+        "views": seen.views,
     }
 
 
@@ -235,48 +184,41 @@ def _text(data: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _views(
-    found: Registration, anatomy: Anatomy, intrinsics: Intrinsics | None, ground: np.ndarray | None
-) -> dict[str, np.ndarray]:
-    """What the registered camera sees, and its walls drawn on what the real one saw; none for a refused pose."""
-    from naris.register.look import overlay, seen_from
+def _looks(
+    found: Registration, anatomy: Anatomy, seen: Seen, ground: np.ndarray, *, flickers: bool
+) -> dict[str, bytes]:
+    """What the registered camera sees, and its walls drawn on what the real one saw; none for a refused pose.
+
+    Of a real picture also both in turn: an eye that sees them blink finds an error that no line shows.
+    """
+    from naris.register.look import blinking, overlay, png, seen_from
     from naris.render.scene import Scene
 
-    if found.anatomy_T_camera is None or intrinsics is None or ground is None:
+    if found.anatomy_T_camera is None or seen.intrinsics is None:
         return {}
-    rgb, depth = seen_from(Scene(anatomy), found.anatomy_T_camera, intrinsics)
-    return {VIEW: rgb, OVERLAY: overlay(ground, depth)}
+    rgb, depth = seen_from(Scene(anatomy), found.anatomy_T_camera, seen.intrinsics)
+    looks = {VIEW: png(rgb), OVERLAY: png(overlay(ground, depth))}
+    return looks | {FLICKER: blinking(ground, rgb)} if flickers else looks
 
 
 def _write(
-    folder: Path, found: Registration, anatomy: Anatomy, views: dict[str, np.ndarray], data: dict[str, Any]
+    folder: Path, found: Registration, anatomy: Anatomy, looks: dict[str, bytes], data: dict[str, Any]
 ) -> list[str]:
     """A refused pose gets no transform: nothing that looks like an answer."""
-    from naris.core.atomic import write_json, write_text
-    from naris.register.files import slicer_landmarks, slicer_transform
+    from naris.core.atomic import write_bytes, write_json, write_text
+    from naris.register.files import slicer_landmarks, slicer_transform, write_slicer_hdf5
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (TRANSFORM, VIEW, OVERLAY):
+    for name in (TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER):
         (folder / name).unlink(missing_ok=True)
     written = [folder / RESULT, folder / LANDMARKS]
     write_json(folder / RESULT, data)
     write_json(folder / LANDMARKS, slicer_landmarks(anatomy, found.anatomy_T_camera))
     if found.anatomy_T_camera is not None and anatomy.frame == "LPS":
         write_text(folder / TRANSFORM, slicer_transform(found.anatomy_T_camera))
-        written.append(folder / TRANSFORM)
-    for name, picture in views.items():
-        _save(folder / name, picture)
+        write_slicer_hdf5(found.anatomy_T_camera, folder / HDF5)
+        written += [folder / TRANSFORM, folder / HDF5]
+    for name, content in looks.items():
+        write_bytes(folder / name, content)
         written.append(folder / name)
     return [str(file) for file in written]
-
-
-def _save(path: Path, picture: np.ndarray) -> None:
-    import io
-
-    from PIL import Image
-
-    from naris.core.atomic import write_bytes
-
-    kept = io.BytesIO()
-    Image.fromarray(picture).save(kept, "PNG")
-    write_bytes(path, kept.getvalue())

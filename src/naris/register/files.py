@@ -12,8 +12,9 @@ from PIL import Image, UnidentifiedImageError
 
 from naris.anatomy.ply import read_ply_points
 from naris.core.anatomy import Anatomy
+from naris.core.atomic import replacing
 from naris.core.pose import Pose
-from naris.errors import InputError
+from naris.errors import InputError, MachineError
 
 CLOUDS, DEPTHS = (".npy", ".ply", ".txt", ".xyz", ".csv"), (".npy", ".png", ".tif", ".tiff")
 _MOST_BYTES = 1 << 30
@@ -26,7 +27,7 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n 3"]:
     Raises:
         InputError: if there is no such file, or it holds no points.
     """
-    content = _content(path, CLOUDS, "a cloud")
+    content = content_of(path, CLOUDS, "a cloud")
     try:
         if path.suffix.lower() == ".npy":
             points = np.load(io.BytesIO(content), allow_pickle=False)
@@ -50,7 +51,7 @@ def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:
     Raises:
         InputError: if there is no such file, or it is no depth image.
     """
-    content = _content(path, DEPTHS, "a depth image")
+    content = content_of(path, DEPTHS, "a depth image")
     if path.suffix.lower() == ".npy":
         try:
             depth = np.load(io.BytesIO(content), allow_pickle=False)
@@ -65,6 +66,21 @@ def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:
     return np.asarray(depth, dtype=np.float64) * unit_mm
 
 
+def content_of(path: Path, suffixes: tuple[str, ...], what: str) -> bytes:
+    """All of a file.
+
+    Raises:
+        InputError: if it has another suffix, is not there, or holds more than 1 GB.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{what} as {', '.join(suffixes)}", path.name, "convert it")
+    if not path.is_file():
+        raise InputError(f"{what} at {path}", "a folder" if path.is_dir() else "no such file", "check the path")
+    if path.stat().st_size > _MOST_BYTES:
+        raise InputError(f"{what} of at most 1 GB", f"{path.stat().st_size / 1e9:.1f} GB", "thin it out")
+    return path.read_bytes()
+
+
 def slicer_transform(anatomy_T_camera: Pose) -> str:
     """An ITK transform file that puts things of the camera where they are, in 3D Slicer.
 
@@ -74,6 +90,32 @@ def slicer_transform(anatomy_T_camera: Pose) -> str:
     Raises:
         InputError: if the anatomy is not in LPS.
     """
+    numbers = " ".join(f"{x:.17g}" for x in _resampling(anatomy_T_camera))
+    return (
+        "#Insight Transform File V1.0\n#Transform 0\nTransform: AffineTransform_double_3_3\n"
+        f"Parameters: {numbers}\nFixedParameters: 0 0 0\n"
+    )
+
+
+def write_slicer_hdf5(anatomy_T_camera: Pose, path: Path) -> None:
+    """The transform of `slicer_transform` as HDF5 (`.h5`).
+
+    Raises:
+        InputError: if the anatomy is not in LPS.
+        MachineError: if it cannot be written.
+    """
+    import SimpleITK as sitk
+
+    numbers = _resampling(anatomy_T_camera)
+    with replacing(path) as part:
+        try:
+            sitk.WriteTransform(sitk.AffineTransform(numbers[:9], numbers[9:]), str(part))
+        except RuntimeError as error:
+            raise MachineError(f"to write {path}", "an error of the HDF5 library", "see that there is room") from error
+
+
+def _resampling(anatomy_T_camera: Pose) -> list[float]:
+    """`camera_T_anatomy`, the rotation row by row and then the translation."""
     if anatomy_T_camera.target != "LPS":
         raise InputError(
             "an anatomy in LPS for a transform of 3D Slicer",
@@ -81,11 +123,7 @@ def slicer_transform(anatomy_T_camera: Pose) -> str:
             "use the matrix in the JSON",
         )
     camera_T_anatomy = anatomy_T_camera.inverse().matrix
-    numbers = [*camera_T_anatomy[:3, :3].ravel(), *camera_T_anatomy[:3, 3]]
-    return (
-        "#Insight Transform File V1.0\n#Transform 0\nTransform: AffineTransform_double_3_3\n"
-        f"Parameters: {' '.join(f'{x:.17g}' for x in numbers)}\nFixedParameters: 0 0 0\n"
-    )
+    return [*camera_T_anatomy[:3, :3].ravel().tolist(), *camera_T_anatomy[:3, 3].tolist()]
 
 
 def slicer_landmarks(anatomy: Anatomy, anatomy_T_camera: Pose | None) -> dict[str, Any]:
@@ -114,16 +152,6 @@ def slicer_landmarks(anatomy: Anatomy, anatomy_T_camera: Pose | None) -> dict[st
             }
         ],
     }
-
-
-def _content(path: Path, suffixes: tuple[str, ...], what: str) -> bytes:
-    if path.suffix.lower() not in suffixes:
-        raise InputError(f"{what} as {', '.join(suffixes)}", path.name, "convert it")
-    if not path.is_file():
-        raise InputError(f"{what} at {path}", "a folder" if path.is_dir() else "no such file", "check the path")
-    if path.stat().st_size > _MOST_BYTES:
-        raise InputError(f"{what} of at most 1 GB", f"{path.stat().st_size / 1e9:.1f} GB", "thin it out")
-    return path.read_bytes()
 
 
 def _lines(text: str) -> list[str]:

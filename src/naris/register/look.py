@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
+
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
+from PIL import Image
 
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
@@ -14,6 +17,7 @@ _STEP = 0.12
 """Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
 _EDGE_RGB = (60, 255, 120)
 _FAR_SHARE = 0.98
+_BLINK_MS = 600
 
 
 def seen_from(
@@ -49,3 +53,18 @@ def shaded(depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
     far = float(np.quantile(known, _FAR_SHARE)) if known.size else 1.0
     grey = np.where(depth > 0, 255 * np.clip(1 - depth / far, 0, 1) ** 0.7, 0).astype(np.uint8)
     return np.asarray(cv2.cvtColor(cv2.applyColorMap(grey, cv2.COLORMAP_MAGMA), cv2.COLOR_BGR2RGB))
+
+
+def png(picture: UInt8[np.ndarray, "h w 3"]) -> bytes:
+    """A picture as a file."""
+    kept = io.BytesIO()
+    Image.fromarray(picture).save(kept, "PNG")
+    return kept.getvalue()
+
+
+def blinking(first: UInt8[np.ndarray, "h w 3"], second: UInt8[np.ndarray, "h w 3"]) -> bytes:
+    """Two pictures of one size in turn for ever, as an animated GIF."""
+    one, other = (Image.fromarray(picture) for picture in (first, second))
+    kept = io.BytesIO()
+    one.save(kept, "GIF", save_all=True, append_images=[other], duration=_BLINK_MS, loop=0)
+    return kept.getvalue()

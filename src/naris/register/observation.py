@@ -6,6 +6,7 @@ The scale is stated by the caller and never guessed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -60,6 +61,11 @@ class Scale:
     def free(self) -> bool:
         return self.kind != "known"
 
+    @property
+    def middle(self) -> float:
+        """The factor to begin with."""
+        return math.sqrt(self.low * self.high) if self.kind == "unknown" else self.factor
+
 
 KNOWN, UNKNOWN = Scale(), Scale("unknown")
 
@@ -104,7 +110,7 @@ class PointNoise:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Ranges along rays. Make it with `from_depth`, `from_points` or `together`.
+    """Ranges along rays. Make it with `from_depth`, `from_points`, `from_sightings` or `together`.
 
     Attributes:
         origins: (N, 3) where each ray begins in the rig, in the unit of the observation.
@@ -226,21 +232,44 @@ def from_points(
         InputError: if they are too few, not finite, behind each other on one line, or in another unit than is said.
     """
     points = np.asarray(points, dtype=np.float64)
+    return from_sightings(points, np.zeros((1, 3)), np.zeros(len(points), np.int64), noise, scale)
+
+
+def from_sightings(
+    points: Float[np.ndarray, "..."],
+    cameras: Float[np.ndarray, "v 3"],
+    seen_from: Int[np.ndarray, "n"],
+    noise: PointNoise = PointNoise(),
+    scale: Scale = KNOWN,
+) -> Observation:
+    """Points (N, 3) in the rig, each seen by one of several cameras.
+
+    Args:
+        points: in the rig, which is the first camera.
+        cameras: where they stand in it.
+        seen_from: the number of its camera for each point; every camera has some.
+        noise: of the points.
+        scale: of all of it.
+
+    Raises:
+        InputError: as `from_points`.
+    """
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise InputError("points (N, 3)", f"shape {points.shape}", "give a cloud of points")
     if not np.isfinite(points).all():
         bad = int((~np.isfinite(points).all(axis=1)).sum())
         raise InputError("finite points", f"{bad} of {len(points)} with NaN or infinity", "leave them out")
-    ranges = np.linalg.norm(points, axis=1)
+    origins = cameras[seen_from]
+    ranges = np.linalg.norm(points - origins, axis=1)
     sd = noise.sd_mm / scale.factor if scale.kind == "prior" else noise.sd_mm
     return _checked(
         Observation(
-            origins=np.zeros_like(points),
-            directions=points / np.maximum(ranges, 1e-12)[:, None],
+            origins=origins,
+            directions=(points - origins) / np.maximum(ranges, 1e-12)[:, None],
             ranges=ranges,
             radial=np.full(len(points), 1e-3 * sd),
             isotropic=np.full(len(points), sd),
-            view=np.zeros(len(points), np.int64),
+            view=np.asarray(seen_from, dtype=np.int64),
             outliers=noise.outliers,
             scale=scale,
         )
@@ -336,4 +365,4 @@ def _checked(observation: Observation) -> Observation:
         raise InputError(
             f"distances of {_NEAR_MM:g} to {_FAR_MM:g} mm", f"a median of {median * scale.factor:.3g}", hint
         )
-    return observation.rows(np.argsort(_morton(observation.directions), kind="stable"))
+    return observation.rows(np.lexsort((_morton(observation.directions), observation.view)))

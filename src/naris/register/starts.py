@@ -152,8 +152,7 @@ def _beside(
     twists = np.einsum("nij,nj->ni", roots[numbers], rng.standard_normal((count, 6)))
     twists[:m] = 0.0
     moved = poses[numbers] @ Pose.exp(twists, poses.source, poses.source)
-    scale = observation.scale
-    return Starts(np.array(moved.matrix), np.full(count, np.log(scale.factor)))
+    return Starts(np.array(moved.matrix), np.full(count, np.log(observation.scale.middle)))
 
 
 def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, count: int) -> Starts:
@@ -168,7 +167,7 @@ def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, cou
     turns = _rotations(tuple(at.inward.tolist()), belief.orientation)
     where = texels((turns @ few.directions.T).transpose(0, 2, 1), TEXELS).astype(np.int32)
     scale = observation.scale
-    ranges = few.ranges * (scale.factor if scale.kind != "unknown" else 1.0)
+    ranges = few.ranges * scale.middle
     best = np.full((len(chosen), _FEW), 2**30, np.int32)
     fits = Fits(best, np.zeros_like(best), np.zeros_like(best))
     seen = quantised(ranges).astype(np.int32)
@@ -183,14 +182,14 @@ def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, cou
     poses = np.tile(np.eye(4), (len(order), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = turns[fits.turn[place, k]], at.places_mm[chosen[place]]
     log_scales = -factor_of(fits.shift[place, k]) if scale.free else np.zeros(len(order))
-    return Starts(poses, log_scales + (np.log(scale.factor) if scale.kind != "unknown" else 0.0))
+    return Starts(poses, log_scales + np.log(scale.middle))
 
 
 def _shifts(observation: Observation) -> tuple[int, int]:
-    """The range that the scale is sought in, in steps; ranges fall as the factor rises."""
+    """The range about its middle that the scale is sought in, in steps; ranges fall as the factor rises."""
     scale = observation.scale
     if scale.kind == "unknown":
-        return -steps_of(scale.high), -steps_of(scale.low)
+        return -steps_of(scale.high / scale.middle), -steps_of(scale.low / scale.middle)
     reach = max(steps_of(float(np.exp(2 * scale.sd_log))), 1)
     return -reach, reach
 

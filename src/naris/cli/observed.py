@@ -1,0 +1,158 @@
+"""What a command line says was seen: a depth image, several with their poses, a cloud, or a reconstruction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from naris.cli.options import refuse
+from naris.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+
+    from naris.cli.register import Options
+    from naris.core.camera import Intrinsics
+    from naris.register.observation import DepthNoise, Observation, Scale
+
+_ONE_OF = "one of --depth, --rig and --cloud"
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An observation, and what is known of the (first) camera.
+
+    Attributes:
+        observation: for the registration.
+        intrinsics: of the camera; None of a cloud by itself.
+        depth: its depth image; None of clouds and reconstructions.
+    """
+
+    observation: Observation
+    intrinsics: Intrinsics | None = None
+    depth: np.ndarray | None = None
+
+
+def check_observation(options: Options) -> None:
+    """See that the options of what was seen go together.
+
+    Raises:
+        InputError: if not; the message names them.
+    """
+    given = [name for name in ("depth", "rig", "cloud") if getattr(options, name) is not None]
+    if len(given) != 1:
+        got = "neither" if not given else f"--{' and --'.join(given)}"
+        raise InputError(_ONE_OF, got, "give what the camera saw" if not given else "give one of them")
+    of_folder = options.cloud is not None and options.cloud.is_dir()
+    if options.depth is None:
+        refuse(options, ("intrinsics",), "only with --depth", f"--{given[0]}")
+    elif options.intrinsics is None:
+        raise InputError("--intrinsics with --depth", "none", "give the camera of the depth image")
+    if options.cloud is not None:
+        refuse(options, ("depth_unit_mm", "smooth_error"), "only with --depth or --rig", "--cloud")
+    if not of_folder:
+        refuse(options, ("view",), "only with --cloud FOLDER", "no reconstruction")
+        if options.alone:
+            raise InputError("--alone only with --cloud FOLDER", "no reconstruction", "leave it out")
+    elif options.scale is None:
+        raise InputError(
+            "--scale with a reconstruction", "none", "say unknown, prior, or known if somebody has made mm of its unit"
+        )
+    if options.scale != "prior":
+        refuse(
+            options, ("scale_factor", "scale_spread"), "only with --scale prior", f"--scale {options.scale or 'known'}"
+        )
+    elif options.scale_factor is None:
+        raise InputError("--scale-factor with --scale prior", "none", "give the most likely factor to mm")
+
+
+def observe(options: Options) -> Seen:
+    """Reads what was seen.
+
+    Raises:
+        InputError: if a file cannot be read, or what it holds tells no pose.
+    """
+    if options.cloud is not None:
+        return (_reconstruction if options.cloud.is_dir() else _cloud)(options, options.cloud)
+    unit_mm = 1.0 if options.depth_unit_mm is None else options.depth_unit_mm
+    if options.rig is not None:
+        from naris.register.rig import read_rig
+
+        rig = read_rig(options.rig, unit_mm)
+        return Seen(rig.observed(_noise(options), _scale(options)), rig.intrinsics[0], rig.depths[0])
+    from naris.cli.cameras import read_intrinsics
+    from naris.register.files import read_depth_image
+    from naris.register.observation import from_depth
+
+    if options.depth is None or options.intrinsics is None:
+        raise InputError(_ONE_OF, "neither", "give what the camera saw")
+    intrinsics = read_intrinsics(options.intrinsics)
+    depth = read_depth_image(options.depth, unit_mm)
+    return Seen(from_depth(depth, intrinsics, _noise(options), _scale(options)), intrinsics, depth)
+
+
+def _cloud(options: Options, file: Path) -> Seen:
+    from naris.register.files import read_cloud
+    from naris.register.observation import PointNoise, from_points
+
+    noise = PointNoise() if options.noise is None else PointNoise(options.noise)
+    return Seen(from_points(read_cloud(file), noise, _scale(options)))
+
+
+def _reconstruction(options: Options, folder: Path) -> Seen:
+    from naris.register.observation import PointNoise
+    from naris.register.sfm.read import read_reconstruction
+    from naris.register.sfm.reconstruction import noise_of, observed, unknown_scale
+
+    made = read_reconstruction(folder)
+    view = made.view(options.view)
+    points = made.seen_by(view)
+    noise = noise_of(points) if options.noise is None else PointNoise(options.noise)
+    scale = unknown_scale(points) if options.scale == "unknown" else _scale(options)
+    return Seen(observed(made, view, noise, scale, alone=options.alone), view.intrinsics)
+
+
+def _noise(options: Options) -> DepthNoise:
+    from naris.register.observation import DepthNoise
+
+    plain = DepthNoise()
+    return DepthNoise(
+        plain.smooth if options.smooth_error is None else options.smooth_error,
+        plain.reach_deg,
+        plain.pixel_mm if options.noise is None else options.noise,
+    )
+
+
+def _scale(options: Options) -> Scale:
+    from naris.register.observation import Scale
+
+    if options.scale == "prior" and options.scale_factor is not None:
+        spread = 0.2 if options.scale_spread is None else options.scale_spread
+        return Scale("prior", options.scale_factor, math.log1p(spread))
+    return Scale(options.scale or "known")
+
+
+def ground_of(options: Options, seen: Seen) -> np.ndarray | None:
+    """What the walls are drawn on: the frame, or else the depth image; None where there is neither.
+
+    Raises:
+        ImageError: if the frame is not of the size that the intrinsics say.
+    """
+    from naris.core.pictures import read_picture
+    from naris.errors import ImageError
+    from naris.register.look import shaded
+
+    camera = seen.intrinsics
+    if camera is None or options.frame is None:
+        return None if seen.depth is None else shaded(seen.depth)
+    picture = read_picture(options.frame)
+    if picture.shape[:2] != (camera.height, camera.width):
+        raise ImageError(
+            f"a picture of {camera.width}×{camera.height} pixels, as the intrinsics say",
+            f"{picture.shape[1]}×{picture.shape[0]}",
+            "give the frame that was registered",
+        )
+    return picture
