@@ -86,7 +86,7 @@ def _about(seam: Seam) -> list[Finding]:
     """What a user should know of the septum."""
     found = []
     if seam.wall_mm2 >= _TOLD_MM2:
-        text = f"over {seam.wall_mm2:.0f} mm² it is thinner than the scan shows; a wall was put where it goes on"
+        text = f"the septum is fainter than tissue over {seam.wall_mm2:.0f} mm²; a wall was put where it goes on"
         found.append(Finding("faint septum", text, "warning"))
     if seam.hole_mm2 >= _TOLD_MM2:
         text = f"{seam.hole_mm2:.0f} mm² of clear air between the sides: a perforation, or a septum that the scan lost"

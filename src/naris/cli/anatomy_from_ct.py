@@ -206,9 +206,10 @@ def _write_picture(made: ScannedAnatomy, airway: Airway, data: dict[str, Any], f
 
     facts = {
         "from": data["source"],
-        "air": ", ".join(f"{name} {ml:.1f} ml" for name, ml in data["volume_ml"].items()),
+        "air": ", ".join(f"{name} {ml:.1f} ml" for name, ml in data["volume_ml"].items() if ml),
         "surface": f"{data['faces']:,} faces, closed, genus {data['genus']}",
-        "to know": "; ".join(one["text"] for one in data["findings"]) or "nothing unusual was noticed",
+        "to know": "; ".join(f"{one['weight']}: {one['text']}" for one in data["findings"])
+        or "nothing unusual was noticed",
     }
     write_text(folder / PICTURE, anatomy_page(made.anatomy, made.anatomy.region_set().name, facts, airway.block))
 

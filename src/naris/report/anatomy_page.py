@@ -33,7 +33,7 @@ def anatomy_page(anatomy: Anatomy, region_set: str, facts: Mapping[str, str], sc
     return document(
         anatomy.name,
         element("section", figure(anatomy_figure(view), anatomy_caption(view), "wide")),
-        element("section", table(["", ""], [[label, said] for label, said in facts.items()])),
+        element("section", table(["", ""], [[label, said] for label, said in facts.items()], "prose")),
         sheet(anatomy, view.regions, scan),
         element("section", table(["passage", "length", "from its middle to the wall"], passages)) if passages else None,
     )
