@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.anatomy.read import read_surface
-from naris.bench import BenchRequest, Measurement
+from naris.bench import BenchRequest, Measurement, cissticp
 from naris.bench.result import Figure
 from naris.bench.trials import NOISES, Noise, Trial, drawn_trials, frozen_trials, neighbours_of
 from naris.core.anatomy import Enclosed
@@ -75,7 +75,15 @@ class Setting:
 
 
 def measure(request: BenchRequest) -> Measurement:
-    """All figures: on virtual patients with `.patients` behind their names, then on the frozen trials."""
+    """All figures, or those of a part: trials, the runs of cisstICP, and peers in the place of our solver."""
+    figures = of_trials(request) if request.wants("trials") else []
+    if request.wants("cissticp"):
+        figures += cissticp.figures(request)
+    return Measurement(tuple(figures), _inputs(request))
+
+
+def of_trials(request: BenchRequest) -> list[Figure]:
+    """On virtual patients with `.patients` behind their names, then on the frozen trials."""
     sets = _sets(request)
     figures: list[Figure] = []
     known: dict[str, list[Outcome]] = {}
@@ -92,8 +100,7 @@ def measure(request: BenchRequest) -> Measurement:
             figures += _of(f"register.views3.{noise}{suffix}", done, "views3", noise)
     unsure = [one for noise in "bcd" for one in known[f"none.{noise}{OF_PATIENTS}"]]
     figures += of_confidence(unsure)
-    figures += [_solve_ms(sets[-1][1][0]), _wrong_patient(request, sets[0][1])]
-    return Measurement(tuple(figures), _inputs(request))
+    return [*figures, _solve_ms(sets[-1][1][0]), _wrong_patient(request, sets[0][1])]
 
 
 def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
@@ -255,7 +262,7 @@ def _warm_up(setting: Setting) -> None:
 
 def _inputs(request: BenchRequest) -> dict[str, str]:
     told = {"patients": "built-in noses of drawn parameters, seeds apart from those of the confidence"}
-    for name in (FROZEN, MEAN):
+    for name in (FROZEN, MEAN, cissticp.MESH):
         if request.scans is not None and (request.scans / name).is_file():
             told[name] = f"SHA-256 {file_digest(request.scans / name)}"
     return told

@@ -17,7 +17,7 @@ from numba import njit
 
 from naris.register.likely_point.match import STACK, Placed, at_least, of_direction, of_triangle
 
-_REACH = 12.0
+_REACH = 9.0
 _UNKNOWNS = 6
 
 _njit = njit(cache=True, nogil=True, error_model="numpy")
@@ -164,7 +164,12 @@ def _sum_triangle(tree, nodes, seen, which, best, sums, memory):
 def average(tree, nodes, seen, found, sums, first, last):
     """The sums of points first … last − 1, in all that is likely enough beside their best matches `found`."""
     stack, placed = np.empty(STACK, np.int64), seen.placed
-    memory = _Memory(np.empty(3), np.empty((1, 3, 3)), np.zeros((5, _UNKNOWNS)), np.empty(_UNKNOWNS))
+    memory = _Memory(
+        np.empty(3),
+        np.empty((1, 3, 3)),
+        np.zeros((5 if placed.straight[0] > 0.0 else 3, _UNKNOWNS)),
+        np.empty(_UNKNOWNS),
+    )
     first_leaf = len(tree.leaf_start) - 2
     for n in range(first, last):
         best, total = found.costs[n], 0.0
