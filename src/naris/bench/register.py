@@ -15,11 +15,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.anatomy.read import read_surface
-from naris.bench import BenchRequest, Measurement, cissticp
+from naris.bench import BenchRequest, Measurement, cissticp, peer_trials
 from naris.bench.result import Figure
-from naris.bench.trials import NOISES, Noise, Trial, drawn_trials, frozen_trials, neighbours_of
-from naris.core.anatomy import Enclosed
+from naris.bench.trials import (
+    FROZEN,
+    MEAN,
+    NOISES,
+    Noise,
+    Trial,
+    drawn_trials,
+    frozen_setting,
+    has_frozen,
+    neighbours_of,
+)
 from naris.core.pose import CAMERA, Pose, distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
@@ -30,7 +38,6 @@ from naris.register.register import RegisterConfig, register
 from naris.register.solve import coarse
 from naris.register.starts import NOTHING, Belief, Starts, in_region, near
 
-FROZEN, MEAN = "registration-trials/trials.npz", "mean-nose/ASR.ply"
 PATIENTS, VIEWS = 20, 5
 QUICK_PATIENTS, QUICK_VIEWS = 1, 4
 OF_PATIENTS = ".patients"
@@ -79,6 +86,8 @@ def measure(request: BenchRequest) -> Measurement:
     figures = of_trials(request) if request.wants("trials") else []
     if request.wants("cissticp"):
         figures += cissticp.figures(request)
+    if request.wants("peers"):
+        figures += peer_trials.figures(request)
     return Measurement(tuple(figures), _inputs(request))
 
 
@@ -112,10 +121,8 @@ def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
             patients.append(Setting(registration_map(nose), drawn_trials(nose, views, request.seed + number)))
             advance(1)
     sets = [(OF_PATIENTS, patients)]
-    if request.scans is not None and (request.scans / FROZEN).is_file() and (request.scans / MEAN).is_file():
-        # The frozen poses lie inside the closed surface itself, not in the air between its walls.
-        mean = read_surface(request.scans / MEAN).with_(airspace=Enclosed(), passages=())
-        trials = frozen_trials(request.scans / FROZEN, mean.frame)
+    if request.scans is not None and has_frozen(request.scans):
+        mean, trials = frozen_setting(request.scans)
         sets.append(("", [Setting(registration_map(mean), trials[:QUICK_VIEWS] if request.quick else trials)]))
     return sets
 

@@ -53,6 +53,11 @@ class Options:
     noise: IfGiven[float] = None
     """Error of each pixel or point by itself, in mm (one standard deviation, before any scale); 0.3 for a depth image,
     0.5 for a cloud when not given."""
+    method: Literal["naris", "icp", "imlp", "imlop"] = "naris"
+    """What the best starts are solved by: naris by rays and the smooth error; icp, imlp and imlop match points with the
+    walls, imlop their normals too (six numbers a line, or a .npy (N, 6)). Those need --scale known."""
+    normals_deg: IfGiven[float] = None
+    """Error of the normals, in degrees (one standard deviation); 15 when not given. With --method imlop."""
     region: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
     """The region that the camera is in, if somebody knows."""
     regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="SET")] = None
@@ -91,10 +96,10 @@ def run(options: Options, console: Console) -> int:
         at = registration_map(anatomy)
         advance(1)
     with console.progress.task("registering", 1) as advance:
-        config = RegisterConfig(least_probability=options.probability, seed=options.seed)
+        config = RegisterConfig(least_probability=options.probability, seed=options.seed, method=options.method)
         found = register(at, seen, belief, config)
         advance(1)
-    data = _told(found, anatomy, seen)
+    data = _told(found, anatomy, seen, options.method)
     if options.out is not None:
         data["files"] = _write(options.out, found, anatomy, _views(found, anatomy, intrinsics, ground), data)
     console.answer(data, _text(data))
@@ -115,6 +120,12 @@ def _check(options: Options) -> None:
         refuse(options, ("scale_factor", "scale_spread"), "only with --scale prior", f"--scale {options.scale}")
     elif options.scale_factor is None:
         raise InputError("--scale-factor with --scale prior", "none", "give the most likely factor to mm")
+    if options.method != "naris" and options.scale != "known":
+        raise InputError(f"--scale known with --method {options.method}", options.scale, "take --method naris")
+    if options.method != "imlop":
+        refuse(options, ("normals_deg",), "only with --method imlop", f"--method {options.method}")
+    elif options.depth is not None:
+        raise InputError("--cloud with --method imlop", "--depth", "take --method imlp")
     if options.region is None:
         refuse(options, ("regions",), "only with --region", "no region")
     if (options.model is not None) and options.frame is None:
@@ -125,13 +136,18 @@ def _check(options: Options) -> None:
 
 def _observation(options: Options) -> tuple[Observation, Intrinsics | None]:
     from naris.cli.cameras import read_intrinsics
-    from naris.register.files import read_cloud, read_depth_image
+    from naris.register.files import read_cloud, read_depth_image, read_normals
     from naris.register.observation import DepthNoise, PointNoise, from_depth, from_points
 
     scale = _scale(options)
     if options.cloud is not None:
-        noise = PointNoise() if options.noise is None else PointNoise(options.noise)
-        return from_points(read_cloud(options.cloud), noise, scale), None
+        of_points = PointNoise()
+        if options.noise is not None:
+            of_points = replace(of_points, sd_mm=options.noise)
+        if options.normals_deg is not None:
+            of_points = replace(of_points, normals_deg=options.normals_deg)
+        normals = read_normals(options.cloud) if options.method == "imlop" else None
+        return from_points(read_cloud(options.cloud), of_points, scale, normals), None
     if options.depth is None:
         raise InputError("either --depth or --cloud", "neither", "give what the camera saw")
     if options.intrinsics is None:
@@ -200,13 +216,14 @@ def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
     return replace(of_prediction(prediction, anatomy.region_set(subject.regions.name)), orientation=orientation)
 
 
-def _told(found: Registration, anatomy: Anatomy, seen: Observation) -> dict[str, Any]:
+def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str) -> dict[str, Any]:
     import numpy as np
 
     sd = np.sqrt(np.diag(found.covariance))
     return {
         "schema": SCHEMA,
         "status": found.status,
+        "method": method,
         "reason": found.reason,
         "anatomy": {"name": anatomy.name, "digest": anatomy.digest, "frame": anatomy.frame},
         "anatomy_T_camera": None if found.anatomy_T_camera is None else found.anatomy_T_camera.matrix.tolist(),
