@@ -84,6 +84,19 @@ def test_a_cloud_needs_no_camera(tube: Path, seen: Path, capfd: pytest.CaptureFi
     assert (told["reason"] is None) == (told["anatomy_T_camera"] is not None)
 
 
+@pytest.mark.parametrize("method", ["icp", "imlop"])
+def test_another_method_can_be_chosen(
+    tube: Path, seen: Path, tmp_path: Path, method: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    points = np.loadtxt(seen / "points.txt")
+    ways = points - points.mean(axis=0)
+    np.savetxt(tmp_path / "cloud.txt", np.hstack([points, ways]))
+    arguments = ["register", str(tube), "--cloud", str(tmp_path / "cloud.txt"), "--method", method, "--json", "--quiet"]
+    more = ["--normals-deg", "60"] if method == "imlop" else []
+    assert main([*arguments, *more]) in (0, 1)
+    assert json.loads(capfd.readouterr().out)["method"] == method
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -94,6 +107,9 @@ def test_a_cloud_needs_no_camera(tube: Path, seen: Path, capfd: pytest.CaptureFi
         (["--depth", "{seen}/depth.npy", "--scale-factor", "2"], "only with --scale prior"),
         (["--depth", "{seen}/depth.npy", "--scale", "prior"], "--scale-factor with --scale prior"),
         (["--depth", "{seen}/depth.npy", "--region", "liver"], "one of the regions"),
+        (["--depth", "{seen}/depth.npy", "--method", "imlop"], "--cloud with --method imlop"),
+        (["--depth", "{seen}/depth.npy", "--method", "icp", "--scale", "unknown"], "--scale known with --method icp"),
+        (["--depth", "{seen}/depth.npy", "--normals-deg", "9"], "only with --method imlop"),
         (["--depth", "{seen}/depth.npy", "--model", "m"], "--frame with --model"),
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "1000"], "check the unit"),
         (["--depth", "{seen}/depth.npy", "--frame", "{seen}/depth.png", "--noise", "-1"], "--noise"),

@@ -12,7 +12,7 @@ from naris.register.likely_point.likelihood import ALIGNED, Cloud, Misalignment,
 from naris.register.likely_point.noise import CloudNoise, axes_of
 from tests.register.likely_point.bumpy import covariances, moved, prepared, sampled
 
-STEP = 1e-5
+STEP = 1e-4
 
 
 def a_cloud(rng, kind):

@@ -17,7 +17,7 @@ from numba import njit
 
 from naris.register.likely_point.match import STACK, Placed, at_least, of_direction, of_triangle
 
-_REACH = 9.0
+_REACH = 12.0
 _UNKNOWNS = 6
 
 _njit = njit(cache=True, nogil=True, error_model="numpy")
