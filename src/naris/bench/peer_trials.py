@@ -1,8 +1,8 @@
 """Other solvers in the place of ours: the frozen trials of points (noise d), from the true region's starts.
 
 Our search gives everybody the same poses to begin from; what everybody makes of them is judged by our likelihood, and
-the best is taken. Peers and our own coarse and fine solver begin from its best starts; ICP and IMLP, as a user chooses
-them (`RegisterConfig.method`), from the finalists that are left of all starts.
+the best is taken. Peers and our own coarse and fine solver begin from its 40 best starts; ICP and IMLP, as a user
+chooses them (`RegisterConfig.method`), from the eight finalists that our coarse solver leaves of 200.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from naris.bench import BenchRequest
 from naris.bench.point_peers import PEERS, Align, aligner, target_of
-from naris.bench.result import Figure
+from naris.bench.result import Figure, wilson
 from naris.bench.trials import Trial, frozen_setting, has_frozen
 from naris.core.pose import CAMERA, Pose, distance
 from naris.register.map import RegistrationMap, registration_map
@@ -41,8 +41,12 @@ class _Solved(NamedTuple):
 
 
 def figures(request: BenchRequest) -> list[Figure]:
-    """Success and CPU seconds of each; without values where the trials are not given or a peer is not installed."""
-    if request.scans is None or not has_frozen(request.scans):
+    """Success and CPU seconds of each; without values where the trials are not given or a peer is not installed.
+
+    A quick benchmark leaves them out unless they are what it is for.
+    """
+    left_out = request.quick and request.only is None
+    if left_out or request.scans is None or not has_frozen(request.scans):
         return [figure for name in (OURS, *CHOSEN, *PEERS) for figure in _of(name, [], {})]
     mean, trials = frozen_setting(request.scans)
     trials = trials[:QUICK_TRIALS] if request.quick else trials
@@ -59,11 +63,16 @@ def figures(request: BenchRequest) -> list[Figure]:
 
 def _of(name: str, solved: Sequence[_Solved], peers: Mapping[str, str]) -> list[Figure]:
     n, base = len(solved), f"{BASE}.{name.lower()}.d"
-    right = float(np.mean([one.right for one in solved])) if n else None
-    spent = float(np.mean([one.cpu_s for one in solved])) if n else None
+    if not n:
+        return [
+            Figure(f"{base}.success", None, "1", 0, "higher", peers=dict(peers)),
+            Figure(f"{base}.cpu_s", None, "CPU-s", 0, "lower", peers=dict(peers)),
+        ]
+    right = sum(one.right for one in solved)
+    spent = float(np.mean([one.cpu_s for one in solved]))
     return [
-        Figure(f"{base}.success", right, "1", n, "higher", peers=dict(peers)),
-        Figure(f"{base}.cpu_s", spent, "CPU-s", n, "lower", peers=dict(peers)),
+        Figure(f"{base}.success", right / n, "1", n, "higher", None, wilson(right, n)),
+        Figure(f"{base}.cpu_s", spent, "CPU-s", n, "lower"),
     ]
 
 

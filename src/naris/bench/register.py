@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench import BenchRequest, Measurement, cissticp, peer_trials
-from naris.bench.result import Figure
+from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
     FROZEN,
     MEAN,
@@ -181,17 +181,10 @@ def _of(name: str, done: Sequence[Outcome], start: str, noise: str) -> list[Figu
     cpu = float(np.mean([one.cpu_s for one in done]))
     goal = GOALS[start].get(noise)
     return [
-        Figure(f"{name}.success", float(right.mean()), "1", n, "higher", goal, _wilson(right)),
+        Figure(f"{name}.success", float(right.mean()), "1", n, "higher", goal, wilson(int(right.sum()), n)),
         Figure(f"{name}.close", float(np.mean([one.close for one in done])), "1", n, "higher"),
         Figure(f"{name}.cpu_s", cpu, "CPU-s", n, "lower", CPU_GOALS_S.get(start)),
     ]
-
-
-def _wilson(right: Bool[np.ndarray, "n"]) -> tuple[float, float]:
-    """95 % of a share (Wilson 1927)."""
-    n, p, z = len(right), float(right.mean()), 1.96
-    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return float((middle - half) / (1 + z * z / n)), float((middle + half) / (1 + z * z / n))
 
 
 def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
