@@ -1,4 +1,12 @@
-"""A cloud of points registered to a surface: ICP, IMLP and IMLOP, one function for all of them."""
+"""A cloud of points registered to a surface: ICP, IMLP and IMLOP, one function for all of them.
+
+Far from the answer the pose is what is wrong, and matches are as likely as that allows: as in the papers the mean
+square that is left beyond the noise is added to it. Here it can only fall, and is none in the end.
+
+With `PointsConfig.average` the last steps maximise the likelihood of the points alone, the places that they were seen
+of integrated over the surface (`naris.register.likely_point.average`): better where the noise is as large as the folds
+of the surface.
+"""
 
 from __future__ import annotations
 
@@ -64,13 +72,6 @@ def register_points(
     eccentricity their generalised G-IMLOP of 2015) that of its normal as well. All end where the likelihood of points
     and matches together has its maximum; Levenberg–Marquardt leads there, with a step taken only if the likelihood of
     the new pose, matched anew, is higher.
-
-    Far from it the pose is what is wrong, and matches are as likely as that allows: as in both papers the mean square
-    that is left beyond the noise is added to it. Here it can only fall, and is none in the end.
-
-    With `config.average` the last steps maximise the likelihood of the points alone, the places that they were seen of
-    integrated over the surface (`naris.register.likely_point.average`): it is better where the noise is as large as
-    the folds of the surface.
 
     Args:
         points_mm: (N, 3), in a frame of their own.
