@@ -74,6 +74,20 @@ def test_unknown_benchmarks_are_refused(capfd) -> None:
     assert all(name in said for name in BENCHMARKS)
 
 
+def test_one_part_can_be_measured_alone(probe: list[BenchRequest], monkeypatch: pytest.MonkeyPatch, capfd) -> None:
+    assert main(["bench", "probe", "--only", "speed"]) == 2
+    assert "it has no parts" in capfd.readouterr().err
+    monkeypatch.setattr(
+        bench, "BENCHMARKS", {"probe": Benchmark("naris_probe_benchmark", "nothing", ("speed", "share"))}
+    )
+    assert main(["bench", "probe", "--only", "size"]) == 2
+    assert "one of the parts speed, share of probe" in capfd.readouterr().err
+    assert main(["bench", "probe", "--only", "speed"]) == 0
+    assert probe[0].wants("speed")
+    assert not probe[0].wants("share")
+    assert BenchRequest().wants("share")
+
+
 @pytest.mark.parametrize("name", list(BENCHMARKS))
 def test_every_benchmark_that_is_listed_is_there(name: str) -> None:
     assert callable(importlib.import_module(BENCHMARKS[name].module).measure)

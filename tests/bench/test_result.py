@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from naris.bench.result import SCHEMA, BenchResult, Figure, Seconds, read_result
+from naris.bench.result import SCHEMA, BenchResult, Figure, Seconds, read_result, wilson
 from naris.errors import InputError
 
 names = st.text(min_size=1, max_size=20)
@@ -97,3 +97,10 @@ def test_other_files_are_refused(text: str, tmp_path: Path) -> None:
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.json"):
         read_result(tmp_path / "none.json")
+
+
+@pytest.mark.parametrize(
+    ("right", "n", "low", "high"), [(60, 60, 0.940, 1.0), (0, 10, 0.0, 0.278), (50, 100, 0.404, 0.596)]
+)
+def test_the_interval_of_a_share_is_wilsons(right: int, n: int, low: float, high: float) -> None:
+    assert wilson(right, n) == pytest.approx((low, high), abs=1e-3)

@@ -38,6 +38,7 @@ from naris.cli.options import ALLOWED, Range, flag
         "locate x.png -m y --probability nan",
         "locate x.png -m y --probability 7",
         "locate x.png -m y --out-of-domain -1",
+        "register builtin --cloud x.txt --method imlop --normals-deg 0",
         "fetch mean-nose -o out --timeout-s -1",
         "fetch mean-nose -o out --timeout-s 1e300",
         "fetch mean-nose -o out --attempts 0",

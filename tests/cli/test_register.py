@@ -162,6 +162,19 @@ def test_a_real_shot_of_another_person_is_refused(mean_nose_ply: Path, capfd: py
         assert capfd.readouterr().out.startswith("refused: ")
 
 
+@pytest.mark.parametrize("method", ["icp", "imlop"])
+def test_another_method_can_be_chosen(
+    tube: Path, seen: Path, tmp_path: Path, method: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    points = np.loadtxt(seen / "points.txt")
+    ways = points - points.mean(axis=0)
+    np.savetxt(tmp_path / "cloud.txt", np.hstack([points, ways]))
+    arguments = ["register", str(tube), "--cloud", str(tmp_path / "cloud.txt"), "--method", method, "--json", "--quiet"]
+    more = ["--normals-deg", "60"] if method == "imlop" else []
+    assert main([*arguments, *more]) in (0, 1)
+    assert json.loads(capfd.readouterr().out)["method"] == method
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -175,6 +188,9 @@ def test_a_real_shot_of_another_person_is_refused(mean_nose_ply: Path, capfd: py
         (["--depth", "{seen}/depth.npy", "--scale-factor", "2"], "only with --scale prior"),
         (["--depth", "{seen}/depth.npy", "--scale", "prior"], "--scale-factor with --scale prior"),
         (["--depth", "{seen}/depth.npy", "--region", "liver"], "one of the regions"),
+        (["--depth", "{seen}/depth.npy", "--method", "imlop"], "--cloud FILE with --method imlop"),
+        (["--depth", "{seen}/depth.npy", "--method", "icp", "--scale", "unknown"], "--scale known with --method icp"),
+        (["--depth", "{seen}/depth.npy", "--normals-deg", "9"], "only with --method imlop"),
         (["--depth", "{seen}/depth.npy", "--model", "m"], "--frame with --model"),
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "1000"], "check the unit"),
         (["--depth", "{seen}/depth.npy", "--frame", "{seen}/depth.png", "--noise", "-1"], "--noise"),

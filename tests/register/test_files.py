@@ -9,7 +9,14 @@ from PIL import Image
 
 from naris.core.pose import CAMERA, Pose
 from naris.errors import InputError, MachineError, NarisError
-from naris.register.files import read_cloud, read_depth_image, slicer_landmarks, slicer_transform, write_slicer_hdf5
+from naris.register.files import (
+    read_cloud,
+    read_depth_image,
+    read_normals,
+    slicer_landmarks,
+    slicer_transform,
+    write_slicer_hdf5,
+)
 
 POSE = Pose.exp(np.array([10.0, -20.0, 30.0, 0.3, -0.8, 1.1]), "LPS", CAMERA)
 
@@ -60,6 +67,27 @@ def test_the_markups_say_their_frame_and_where_the_camera_is(nose):
     np.testing.assert_allclose(points["camera"], POSE.position_mm)
     ahead = np.array(points["10 mm ahead of the camera"]) - POSE.position_mm
     np.testing.assert_allclose(ahead, 10 * POSE.forward)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".txt", ".csv"])
+def test_normals_stand_behind_the_points(tmp_path, suffix):
+    numbers = np.random.default_rng(2).uniform(-5, 5, (20, 6)).round(3)
+    file = tmp_path / f"cloud{suffix}"
+    if suffix == ".npy":
+        np.save(file, numbers)
+    else:
+        np.savetxt(file, numbers, delimiter="," if suffix == ".csv" else " ")
+    np.testing.assert_allclose(read_cloud(file), numbers[:, :3])
+    np.testing.assert_allclose(read_normals(file), numbers[:, 3:])
+
+
+def test_clouds_without_normals_are_refused_where_they_are_asked_for(tmp_path):
+    file = tmp_path / "cloud.txt"
+    file.write_text("1 2 3\n4 5 6\n")
+    with pytest.raises(InputError, match="the normal"):
+        read_normals(file)
+    with pytest.raises(InputError, match="x y z nx ny nz a line"):
+        read_normals(tmp_path / "cloud.ply")
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".txt", ".csv", ".xyz", ".ply"])

@@ -16,7 +16,7 @@ _STACK = 64
 
 
 @njit(cache=True, nogil=True)
-def _box_distance2(box, node, x, y, z):
+def box_distance2(box, node, x, y, z):
     dx = max(box[node, 0] - x, x - box[node, 3], 0.0)
     dy = max(box[node, 1] - y, y - box[node, 4], 0.0)
     dz = max(box[node, 2] - z, z - box[node, 5], 0.0)
@@ -24,7 +24,7 @@ def _box_distance2(box, node, x, y, z):
 
 
 @njit(cache=True, nogil=True)
-def _nearest_in_triangle(t, f, x, y, z):
+def nearest_in_triangle(t, f, x, y, z):
     """Barycentric weights (v, w) of the second and third corner at the nearest point (Ericson 2005, 5.1.5)."""
     ax, ay, az = t[f, 0, 0], t[f, 0, 1], t[f, 0, 2]
     abx, aby, abz = t[f, 1, 0] - ax, t[f, 1, 1] - ay, t[f, 1, 2] - az
@@ -59,7 +59,7 @@ def _nearest_in_triangle(t, f, x, y, z):
 
 @njit(cache=True, nogil=True)
 def _triangle_distance2(t, f, x, y, z):
-    v, w = _nearest_in_triangle(t, f, x, y, z)
+    v, w = nearest_in_triangle(t, f, x, y, z)
     dx = t[f, 0, 0] + v * (t[f, 1, 0] - t[f, 0, 0]) + w * (t[f, 2, 0] - t[f, 0, 0]) - x
     dy = t[f, 0, 1] + v * (t[f, 1, 1] - t[f, 0, 1]) + w * (t[f, 2, 1] - t[f, 0, 1]) - y
     dz = t[f, 0, 2] + v * (t[f, 1, 2] - t[f, 0, 2]) + w * (t[f, 2, 2] - t[f, 0, 2]) - z
@@ -71,7 +71,7 @@ def _closest_of_one(x, y, z, seed, corners, leaf_start, boxes, stack, stack_d2):
     """The nearest triangle and its squared distance; a good `seed` triangle spares most of the search."""
     best, best_d2 = seed, _triangle_distance2(corners, seed, x, y, z)
     top, first_leaf = 0, len(leaf_start) - 2
-    stack[0], stack_d2[0] = 0, _box_distance2(boxes, 0, x, y, z)
+    stack[0], stack_d2[0] = 0, box_distance2(boxes, 0, x, y, z)
     while top >= 0:
         node, d2 = stack[top], stack_d2[top]
         top -= 1
@@ -84,7 +84,7 @@ def _closest_of_one(x, y, z, seed, corners, leaf_start, boxes, stack, stack_d2):
                     best, best_d2 = f, d2
             continue
         left, right = 2 * node + 1, 2 * node + 2
-        near_d2, far_d2 = _box_distance2(boxes, left, x, y, z), _box_distance2(boxes, right, x, y, z)
+        near_d2, far_d2 = box_distance2(boxes, left, x, y, z), box_distance2(boxes, right, x, y, z)
         if far_d2 < near_d2:
             left, right, near_d2, far_d2 = right, left, far_d2, near_d2
         if far_d2 < best_d2:
@@ -103,7 +103,7 @@ def closest_of_many(points, corners, leaf_start, boxes, found, distance, rows):
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         f, d2 = _closest_of_one(x, y, z, f, corners, leaf_start, boxes, stack, stack_d2)
-        v, w = _nearest_in_triangle(corners, f, x, y, z)
+        v, w = nearest_in_triangle(corners, f, x, y, z)
         for k in range(3):
             found[n, k] = (1.0 - v - w) * corners[f, 0, k] + v * corners[f, 1, k] + w * corners[f, 2, k]
         distance[n], rows[n] = np.sqrt(d2), f

@@ -17,17 +17,22 @@ from naris.errors import InputError
 
 
 class Benchmark(NamedTuple):
-    """Where a benchmark lives and what it measures, in a few words."""
+    """Where a benchmark lives, what it measures, in a few words, and the parts that can be measured alone."""
 
     module: str
     summary: str
+    parts: tuple[str, ...] = ()
 
 
 BENCHMARKS: Mapping[str, Benchmark] = {
     "render": Benchmark("naris.bench.render", "speed of the renderer beside others, and whether it is right"),
     "simulate": Benchmark("naris.bench.simulate", "seconds for 1,420 pictures on disk"),
     "anatomy": Benchmark("naris.bench.anatomy", "noses found in simulated and real CTs beside the truth"),
-    "register": Benchmark("naris.bench.register", "how often, how surely and at what cost a registration ends right"),
+    "register": Benchmark(
+        "naris.bench.register",
+        "how often, how surely and at what cost a registration ends right",
+        ("trials", "cissticp", "peers"),
+    ),
     "demo": Benchmark("naris.bench.demo", "what naris demo comes to, and its seconds"),
     "reproduce": Benchmark("naris.bench.reproduce", "the published experiment, every network on every split"),
 }
@@ -45,6 +50,7 @@ class BenchRequest:
         texture: a picture for the walls, or None.
         scans: a folder with real scans for `anatomy` and frozen trials for `register`, or None.
         work: a folder to write in, that `reproduce` keeps and takes up again; None for a temporary one.
+        only: the one part to measure, or None for all.
         progress: where long work reports to.
     """
 
@@ -54,7 +60,12 @@ class BenchRequest:
     texture: Path | None = None
     scans: Path | None = None
     work: Path | None = None
+    only: str | None = None
     progress: Progress = SILENT
+
+    def wants(self, part: str) -> bool:
+        """Whether that part is to be measured."""
+        return self.only in (None, part)
 
 
 @dataclass(frozen=True)
@@ -69,12 +80,16 @@ def run_benchmark(name: str, request: BenchRequest, command: str) -> BenchResult
     """Measures, and adds how it was measured.
 
     Raises:
-        InputError: if there is no benchmark of that name.
+        InputError: if there is no benchmark of that name, or no such part of it.
     """
     from naris.core import provenance
 
     if name not in BENCHMARKS:
         raise InputError(f"one of the benchmarks {sorted(BENCHMARKS)}", repr(name), "name one of those")
+    parts = BENCHMARKS[name].parts
+    if request.only is not None and request.only not in parts:
+        known = f"one of the parts {', '.join(parts)} of {name}" if parts else f"{name} as a whole: it has no parts"
+        raise InputError(known, repr(request.only), "name one of those" if parts else "leave out the part")
     module = importlib.import_module(BENCHMARKS[name].module)
     with provenance.Stopwatch() as watch:
         measurement: Measurement = module.measure(request)

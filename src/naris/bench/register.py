@@ -15,11 +15,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.anatomy.read import read_surface
-from naris.bench import BenchRequest, Measurement
-from naris.bench.result import Figure
-from naris.bench.trials import NOISES, Noise, Trial, drawn_trials, frozen_trials, neighbours_of
-from naris.core.anatomy import Enclosed
+from naris.bench import BenchRequest, Measurement, cissticp, peer_trials
+from naris.bench.result import Figure, wilson
+from naris.bench.trials import (
+    FROZEN,
+    MEAN,
+    NOISES,
+    Noise,
+    Trial,
+    drawn_trials,
+    frozen_setting,
+    has_frozen,
+    neighbours_of,
+)
 from naris.core.pose import CAMERA, Pose, distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
@@ -30,7 +38,6 @@ from naris.register.register import RegisterConfig, register
 from naris.register.solve import coarse
 from naris.register.starts import NOTHING, Belief, Starts, in_region, near
 
-FROZEN, MEAN = "registration-trials/trials.npz", "mean-nose/ASR.ply"
 PATIENTS, VIEWS = 20, 5
 QUICK_PATIENTS, QUICK_VIEWS = 1, 4
 OF_PATIENTS = ".patients"
@@ -75,7 +82,17 @@ class Setting:
 
 
 def measure(request: BenchRequest) -> Measurement:
-    """All figures: on virtual patients with `.patients` behind their names, then on the frozen trials."""
+    """All figures, or those of a part: trials, the runs of cisstICP, and peers in the place of our solver."""
+    figures = of_trials(request) if request.wants("trials") else []
+    if request.wants("cissticp"):
+        figures += cissticp.figures(request)
+    if request.wants("peers"):
+        figures += peer_trials.figures(request)
+    return Measurement(tuple(figures), _inputs(request))
+
+
+def of_trials(request: BenchRequest) -> list[Figure]:
+    """On virtual patients with `.patients` behind their names, then on the frozen trials."""
     sets = _sets(request)
     figures: list[Figure] = []
     known: dict[str, list[Outcome]] = {}
@@ -92,8 +109,7 @@ def measure(request: BenchRequest) -> Measurement:
             figures += _of(f"register.views3.{noise}{suffix}", done, "views3", noise)
     unsure = [one for noise in "bcd" for one in known[f"none.{noise}{OF_PATIENTS}"]]
     figures += of_confidence(unsure)
-    figures += [_solve_ms(sets[-1][1][0]), _wrong_patient(request, sets[0][1])]
-    return Measurement(tuple(figures), _inputs(request))
+    return [*figures, _solve_ms(sets[-1][1][0]), _wrong_patient(request, sets[0][1])]
 
 
 def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
@@ -105,10 +121,8 @@ def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
             patients.append(Setting(registration_map(nose), drawn_trials(nose, views, request.seed + number)))
             advance(1)
     sets = [(OF_PATIENTS, patients)]
-    if request.scans is not None and (request.scans / FROZEN).is_file() and (request.scans / MEAN).is_file():
-        # The frozen poses lie inside the closed surface itself, not in the air between its walls.
-        mean = read_surface(request.scans / MEAN).with_(airspace=Enclosed(), passages=())
-        trials = frozen_trials(request.scans / FROZEN, mean.frame)
+    if request.scans is not None and has_frozen(request.scans):
+        mean, trials = frozen_setting(request.scans)
         sets.append(("", [Setting(registration_map(mean), trials[:QUICK_VIEWS] if request.quick else trials)]))
     return sets
 
@@ -167,17 +181,10 @@ def _of(name: str, done: Sequence[Outcome], start: str, noise: str) -> list[Figu
     cpu = float(np.mean([one.cpu_s for one in done]))
     goal = GOALS[start].get(noise)
     return [
-        Figure(f"{name}.success", float(right.mean()), "1", n, "higher", goal, _wilson(right)),
+        Figure(f"{name}.success", float(right.mean()), "1", n, "higher", goal, wilson(int(right.sum()), n)),
         Figure(f"{name}.close", float(np.mean([one.close for one in done])), "1", n, "higher"),
         Figure(f"{name}.cpu_s", cpu, "CPU-s", n, "lower", CPU_GOALS_S.get(start)),
     ]
-
-
-def _wilson(right: Bool[np.ndarray, "n"]) -> tuple[float, float]:
-    """95 % of a share (Wilson 1927)."""
-    n, p, z = len(right), float(right.mean()), 1.96
-    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return float((middle - half) / (1 + z * z / n)), float((middle + half) / (1 + z * z / n))
 
 
 def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
@@ -255,7 +262,7 @@ def _warm_up(setting: Setting) -> None:
 
 def _inputs(request: BenchRequest) -> dict[str, str]:
     told = {"patients": "built-in noses of drawn parameters, seeds apart from those of the confidence"}
-    for name in (FROZEN, MEAN):
+    for name in (FROZEN, MEAN, cissticp.MESH):
         if request.scans is not None and (request.scans / name).is_file():
             told[name] = f"SHA-256 {file_digest(request.scans / name)}"
     return told

@@ -146,6 +146,13 @@ class BenchResult:
             ) from error
 
 
+def wilson(right: int, n: int) -> tuple[float, float]:
+    """The 95 % interval of a share, of so many out of n > 0 (Wilson 1927)."""
+    p, z = right / n, 1.96
+    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+
+
 def read_result(path: Path) -> BenchResult:
     """The benchmark result in a file.
 

@@ -19,7 +19,8 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter
 
 from naris.anatomy.distance import signed_distance
-from naris.core.anatomy import Anatomy
+from naris.anatomy.read import read_surface
+from naris.core.anatomy import Anatomy, Enclosed
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.register.directions import rotations
@@ -28,6 +29,7 @@ from naris.register.observation import KNOWN, UNKNOWN, DepthNoise, Observation, 
 from naris.render.scene import Scene, render
 from naris.render.viewpoints import sees_ahead
 
+FROZEN, MEAN = "registration-trials/trials.npz", "mean-nose/ASR.ply"
 Noise = Literal["a", "b", "c", "d"]
 NOISES: tuple[Noise, ...] = ("a", "b", "c", "d")
 PIXELS, FOV_DEG = 64, 80.0
@@ -73,6 +75,18 @@ class Trial:
     def log_scale(self, noise: Noise) -> float:
         """The logarithm of the true factor to mm."""
         return -float(np.log(self.scale)) if noise == "c" else 0.0
+
+
+def has_frozen(folder: Path) -> bool:
+    """Whether the frozen trials and the nose they are in are given."""
+    return (folder / FROZEN).is_file() and (folder / MEAN).is_file()
+
+
+def frozen_setting(folder: Path) -> tuple[Anatomy, list[Trial]]:
+    """The mean nose and the frozen trials in it."""
+    # Their poses lie inside the closed surface itself, not in the air between its walls.
+    mean = read_surface(folder / MEAN).with_(airspace=Enclosed(), passages=())
+    return mean, frozen_trials(folder / FROZEN, mean.frame)
 
 
 def frozen_trials(file: Path, frame: str) -> list[Trial]:

@@ -41,7 +41,10 @@ class Options:
     scans: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
     """Real data for the benchmarks anatomy and register: a folder with nasalseg-p001/P001_img.nrrd and P001_seg.nrrd
     (case P001 of NasalSeg) and ct-head/ct_head.nii.gz (of the Python package dicom2stl), or with
-    registration-trials/trials.npz and mean-nose/ASR.ply; figures of those that are missing have no value."""
+    registration-trials/trials.npz, mean-nose/ASR.ply and cissticp/ (test_data of cisstICP); figures of those that are
+    missing have no value."""
+    only: Annotated[IfGiven[str], tyro.conf.arg(metavar="PART")] = None
+    """Measure one part alone; of register: trials, cissticp (clouds to a surface, seconds) or peers."""
     seed: int = 0
     """Of everything random."""
     work: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
@@ -70,6 +73,7 @@ def run(options: Options, console: Console) -> int:
         texture=options.texture,
         scans=options.scans,
         work=options.work,
+        only=options.only,
         progress=console.progress,
     )
     if options.out is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from naris.cli.options import refuse
@@ -95,11 +95,16 @@ def observe(options: Options) -> Seen:
 
 
 def _cloud(options: Options, file: Path) -> Seen:
-    from naris.register.files import read_cloud
+    from naris.register.files import read_cloud, read_normals
     from naris.register.observation import PointNoise, from_points
 
-    noise = PointNoise() if options.noise is None else PointNoise(options.noise)
-    return Seen(from_points(read_cloud(file), noise, _scale(options)))
+    noise = PointNoise()
+    if options.noise is not None:
+        noise = replace(noise, sd_mm=options.noise)
+    if options.normals_deg is not None:
+        noise = replace(noise, normals_deg=options.normals_deg)
+    normals = read_normals(file) if options.method == "imlop" else None
+    return Seen(from_points(read_cloud(file), noise, _scale(options), normals))
 
 
 def _reconstruction(options: Options, folder: Path) -> Seen:

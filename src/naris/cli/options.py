@@ -78,6 +78,7 @@ ALLOWED: Mapping[str, Range] = {
     "scale_spread": _LENGTH,
     "smooth_error": _SHARE,
     "noise": _LENGTH,
+    "normals_deg": Range(0, 180, above=True),
     "most_tilt_deg": Range(0, 180, above=True),
     "most_roll_deg": Range(0, 180),
     "out_of_domain": _SHARE,

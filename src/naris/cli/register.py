@@ -62,6 +62,11 @@ class Options:
     noise: IfGiven[float] = None
     """Error of each pixel or point by itself, in mm (one standard deviation, before any scale); 0.3 for a depth image,
     0.5 for a cloud, 3 % of the median distance for a reconstruction when not given."""
+    method: Literal["naris", "icp", "imlp", "imlop"] = "naris"
+    """What the best starts are solved by: naris by rays and the smooth error; icp, imlp and imlop match points with the
+    walls, imlop their normals too (six numbers a line, or a .npy (N, 6)). Those need --scale known."""
+    normals_deg: IfGiven[float] = None
+    """Error of the normals, in degrees (one standard deviation); 15 when not given. With --method imlop."""
     region: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
     """The region that the camera is in, if somebody knows."""
     regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="SET")] = None
@@ -100,10 +105,10 @@ def run(options: Options, console: Console) -> int:
         at = registration_map(anatomy)
         advance(1)
     with console.progress.task("registering", 1) as advance:
-        config = RegisterConfig(least_probability=options.probability, seed=options.seed)
+        config = RegisterConfig(least_probability=options.probability, seed=options.seed, method=options.method)
         found = register(at, seen.observation, belief, config)
         advance(1)
-    data = _told(found, anatomy, seen.observation)
+    data = _told(found, anatomy, seen.observation, options.method)
     if options.out is not None:
         looks = {} if ground is None else _looks(found, anatomy, seen, ground, flickers=options.frame is not None)
         data["files"] = _write(options.out, found, anatomy, looks, data)
@@ -118,6 +123,12 @@ def interrupted(options: Options) -> str:
 
 def _check(options: Options) -> None:
     check_observation(options)
+    if options.method != "naris" and options.scale not in (None, "known"):
+        raise InputError(f"--scale known with --method {options.method}", f"{options.scale}", "take --method naris")
+    if options.method != "imlop":
+        refuse(options, ("normals_deg",), "only with --method imlop", f"--method {options.method}")
+    elif options.cloud is None or options.cloud.is_dir():
+        raise InputError("--cloud FILE with --method imlop", "another observation", "take --method imlp")
     if options.region is None:
         refuse(options, ("regions",), "only with --region", "no region")
     if (options.model is not None) and options.frame is None:
@@ -148,13 +159,14 @@ def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
     return replace(of_prediction(prediction, anatomy.region_set(subject.regions.name)), orientation=orientation)
 
 
-def _told(found: Registration, anatomy: Anatomy, seen: Observation) -> dict[str, Any]:
+def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str) -> dict[str, Any]:
     import numpy as np
 
     sd = np.sqrt(np.diag(found.covariance))
     return {
         "schema": SCHEMA,
         "status": found.status,
+        "method": method,
         "reason": found.reason,
         "anatomy": {"name": anatomy.name, "digest": anatomy.digest, "frame": anatomy.frame},
         "anatomy_T_camera": None if found.anatomy_T_camera is None else found.anatomy_T_camera.matrix.tolist(),

@@ -25,7 +25,19 @@ import numpy as np
 import naris
 from naris.core.cores import cores
 
-LIBRARIES = ("numpy", "scipy", "numba", "embreex", "torch", "opencv-python-headless", "scikit-image", "trimesh", "vtk")
+LIBRARIES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "embreex",
+    "torch",
+    "opencv-python-headless",
+    "scikit-image",
+    "trimesh",
+    "vtk",
+    "small-gicp",
+    "open3d",
+)
 """The distributions whose version can change a result."""
 
 _LARGE = 64

@@ -27,6 +27,21 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n 3"]:
     Raises:
         InputError: if there is no such file, or it holds no points.
     """
+    return _read_cloud(path, 3)
+
+
+def read_normals(path: Path) -> Float[np.ndarray, "n 3"]:
+    """The normals (N, 3) of a cloud: the three numbers behind x, y and z in text or a numpy array.
+
+    Raises:
+        InputError: if there is no such file, or it holds no normals.
+    """
+    if path.suffix.lower() == ".ply":
+        raise InputError("normals in text or .npy", path.name, "write x y z nx ny nz a line")
+    return _read_cloud(path, 6)[:, 3:]
+
+
+def _read_cloud(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
     content = content_of(path, CLOUDS, "a cloud")
     try:
         if path.suffix.lower() == ".npy":
@@ -35,14 +50,15 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n 3"]:
             points = read_ply_points(path, content)
         else:
             text = content.decode("utf-8", "strict").replace(",", " ")
-            points = np.array([[float(word) for word in line.split()[:3]] for line in _lines(text)])
+            points = np.array([[float(word) for word in line.split()[:columns]] for line in _lines(text)])
     except (ValueError, UnicodeDecodeError, EOFError) as error:
         raise InputError(
             f"points in {path.name}", f"something else ({error})", "give three numbers a line, a PLY or a .npy (N, 3)"
         ) from error
-    if points.ndim != 2 or points.shape[1] < 3 or not np.issubdtype(points.dtype, np.number):
-        raise InputError(f"points (N, 3) in {path.name}", f"an array of shape {points.shape}", "give x, y and z")
-    return np.asarray(points[:, :3], dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] < columns or not np.issubdtype(points.dtype, np.number):
+        todo = "give x, y and z" if columns == 3 else "give x, y, z and the normal"
+        raise InputError(f"points (N, {columns}) in {path.name}", f"an array of shape {points.shape}", todo)
+    return np.asarray(points[:, :columns], dtype=np.float64)
 
 
 def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:

@@ -96,15 +96,22 @@ class DepthNoise:
 
 @dataclass(frozen=True)
 class PointNoise:
-    """How wrong the points of a cloud are: the same in every direction, but for outliers."""
+    """How wrong the points of a cloud are: the same in every direction, but for outliers.
+
+    Attributes:
+        sd_mm: standard deviation of a point.
+        outliers: the share of points that tell nothing.
+        normals_deg: standard deviation of its normal, where there are normals.
+    """
 
     sd_mm: float = 0.5
     outliers: float = 0.1
+    normals_deg: float = 15.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.sd_mm < np.inf or not 0 < self.outliers < 1:
+        if not (0 < self.sd_mm < np.inf and 0 < self.outliers < 1 and 0 < self.normals_deg < np.inf):
             raise InputError(
-                "a deviation above 0 and a share of outliers between 0 and 1", f"{self}", "correct the noise"
+                "deviations above 0 and a share of outliers between 0 and 1", f"{self}", "correct the noise"
             )
 
 
@@ -121,6 +128,8 @@ class Observation:
         outliers: the share that tells nothing.
         smooth, reach_deg: of the smooth relative error, as in `DepthNoise`; 0 for none.
         scale: what is known of the unit.
+        normals: (N, 3) unit, of the wall towards the camera, in the rig; None where they are not known.
+        normals_rad: their standard deviation.
     """
 
     origins: Float[np.ndarray, "n 3"]
@@ -133,6 +142,8 @@ class Observation:
     smooth: float = 0.0
     reach_deg: float = 9.3
     scale: Scale = KNOWN
+    normals: Float[np.ndarray, "n 3"] | None = None
+    normals_rad: float = np.inf
 
     def __len__(self) -> int:
         return len(self.ranges)
@@ -150,7 +161,7 @@ class Observation:
     def rows(self, chosen: np.ndarray) -> Observation:
         """Some of its rays, by number or by a mask, in that order."""
         parts: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _ARRAYS}
-        return replace(self, **parts)
+        return replace(self, **parts, normals=None if self.normals is None else self.normals[chosen])
 
 
 _ARRAYS = ("origins", "directions", "ranges", "radial", "isotropic", "view")
@@ -224,15 +235,20 @@ def from_ranges(
 
 
 def from_points(
-    points: Float[np.ndarray, "..."], noise: PointNoise = PointNoise(), scale: Scale = KNOWN
+    points: Float[np.ndarray, "..."],
+    noise: PointNoise = PointNoise(),
+    scale: Scale = KNOWN,
+    normals: Float[np.ndarray, "n 3"] | None = None,
 ) -> Observation:
-    """Points (N, 3) that one camera sees, in its frame.
+    """Points (N, 3) that one camera sees, in its frame, with the normals (N, 3) of the wall there or without.
+
+    Normals are turned towards the camera.
 
     Raises:
         InputError: if they are too few, not finite, behind each other on one line, or in another unit than is said.
     """
     points = np.asarray(points, dtype=np.float64)
-    return from_sightings(points, np.zeros((1, 3)), np.zeros(len(points), np.int64), noise, scale)
+    return from_sightings(points, np.zeros((1, 3)), np.zeros(len(points), np.int64), noise, scale, normals)
 
 
 def from_sightings(
@@ -241,6 +257,7 @@ def from_sightings(
     seen_from: Int[np.ndarray, "n"],
     noise: PointNoise = PointNoise(),
     scale: Scale = KNOWN,
+    normals: Float[np.ndarray, "n 3"] | None = None,
 ) -> Observation:
     """Points (N, 3) in the rig, each seen by one of several cameras.
 
@@ -250,6 +267,7 @@ def from_sightings(
         seen_from: the number of its camera for each point; every camera has some.
         noise: of the points.
         scale: of all of it.
+        normals: (N, 3) of the wall there, in the rig; they are turned towards the camera.
 
     Raises:
         InputError: as `from_points`.
@@ -272,6 +290,8 @@ def from_sightings(
             view=np.asarray(seen_from, dtype=np.int64),
             outliers=noise.outliers,
             scale=scale,
+            normals=None if normals is None else _towards_camera(points - origins, normals),
+            normals_rad=np.inf if normals is None else float(np.deg2rad(noise.normals_deg)),
         )
     )
 
@@ -293,13 +313,15 @@ def together(observations: Sequence[Observation], rig_T_camera: Pose) -> Observa
         )
     if len({(o.scale, o.smooth, o.reach_deg, o.views) for o in observations}) != 1 or observations[0].views != 1:
         raise InputError("single views of one scale and one kind of noise", "several", "observe them alike")
-    origins, directions, view = [], [], []
+    origins, directions, view, normals = [], [], [], []
     for number, (one, rotation, position) in enumerate(
         zip(observations, rig_T_camera.rotation, rig_T_camera.position_mm, strict=True)
     ):
         origins.append(np.broadcast_to(position, (len(one), 3)))
         directions.append(one.directions @ rotation.T)
         view.append(np.full(len(one), number))
+        if one.normals is not None:
+            normals.append(one.normals @ rotation.T)
     joined: dict[str, Any] = {name: np.concatenate([getattr(o, name) for o in observations]) for name in _ARRAYS[2:5]}
     return replace(
         observations[0],
@@ -307,8 +329,20 @@ def together(observations: Sequence[Observation], rig_T_camera: Pose) -> Observa
         directions=np.concatenate(directions),
         view=np.concatenate(view),
         outliers=float(np.mean([o.outliers for o in observations])),
+        normals=np.concatenate(normals) if len(normals) == len(observations) else None,
         **joined,
     )
+
+
+def _towards_camera(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    normals = np.asarray(normals, dtype=np.float64)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    if normals.shape != points.shape or not np.isfinite(normals).all() or not (length > 0).all():
+        raise InputError(
+            f"a normal of some length for each of {len(points)} points", f"{normals.shape}", "leave out such points"
+        )
+    away = (normals * points).sum(axis=1, keepdims=True) > 0
+    return np.asarray(np.where(away, -normals, normals) / length)
 
 
 def _in_blocks(values: Float[np.ndarray, "h w *c"], size: int) -> Float[np.ndarray, "b p *c"]:

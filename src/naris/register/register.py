@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import Registration
 from naris.register.confidence import Evidence, probability
+from naris.register.finish import by_points
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
 from naris.register.solve import Solutions, coarse, different, fine
@@ -29,12 +31,15 @@ class RegisterConfig:
         finalists: solved finely.
         least_probability: a pose that is less likely than this to be within 2 mm and 5° is refused.
         seed: of the starts beside believed poses.
+        method: what the finalists are solved by: `naris` by rays and smooth error; of a known scale also `icp`, `imlp`
+            or, with normals, `imlop` (`naris.register.likely_point`). Judged they are alike.
     """
 
     starts: int = 200
     finalists: int = 8
     least_probability: float = 0.8
     seed: int = 0
+    method: Literal["naris", "icp", "imlp", "imlop"] = "naris"
 
 
 def register(
@@ -58,12 +63,17 @@ def register(
     Raises:
         PoseError: if believed poses are in another frame.
         RegionError: if no believed region has room for a camera.
+        InputError: if the method cannot be used on what was seen.
     """
     rng = np.random.default_rng(config.seed)
     starts = find_starts(at, observation, belief, config.starts, rng)
     rough = coarse(at, observation, starts)
     kept = different(rough, config.finalists)
-    solutions = fine(at, observation, Starts(rough.poses[kept], rough.log_scales[kept]))
+    finalists = Starts(rough.poses[kept], rough.log_scales[kept])
+    if config.method == "naris":
+        solutions = fine(at, observation, finalists)
+    else:
+        solutions = by_points(at, observation, finalists, config.method)
     return _chosen(at, observation, _with_belief(solutions, belief), config)
 
 

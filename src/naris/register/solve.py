@@ -18,6 +18,7 @@ from naris.register.threads import spread
 COARSE_RAYS = 256
 COARSE = Schedule(np.array([4.0, 1.0]), np.array([6, 6]))
 FINE = Schedule(np.array([1.0]), np.array([15]))
+AS_THEY_ARE = Schedule(np.array([1.0]), np.array([0]))
 _COARSE_OUTLIERS = 0.1
 _SAME_MM, _SAME_RAD = 0.5, 0.07
 
@@ -57,6 +58,12 @@ def fine(at: RegistrationMap, observation: Observation, starts: Starts) -> Solut
     """On all rays, with the smooth error."""
     rays, model = prepared(at, observation, smooth=True)
     return _solved(at, rays, model, starts, FINE, want_matrices=True)
+
+
+def judged(at: RegistrationMap, observation: Observation, starts: Starts) -> Solutions:
+    """What poses that somebody else solved cost on all rays, the smooth error fitted to each."""
+    rays, model = prepared(at, observation, smooth=True)
+    return _solved(at, rays, model, starts, AS_THEY_ARE, want_matrices=True)
 
 
 def _solved(

@@ -1,0 +1,56 @@
+"""Finalists of the search solved by another method: clouds of points to the walls, in the place of rays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from naris.core.pose import CAMERA, Pose
+from naris.errors import InputError
+from naris.register.likely_point.noise import CloudNoise
+from naris.register.likely_point.points import Method, register_points
+from naris.register.likely_point.solve import PointsConfig
+from naris.register.likely_point.surface import surface_of
+from naris.register.map import RegistrationMap
+from naris.register.observation import Observation
+from naris.register.solve import Solutions, judged
+from naris.register.starts import Starts
+
+_FARTHEST_SD = 3.5
+_NEAR = PointsConfig(steps=40, still_mm=1e-3, still_rad=1e-4, anneal=False)
+
+
+def by_points(at: RegistrationMap, observation: Observation, starts: Starts, method: Method) -> Solutions:
+    """Each start solved by `register_points`, then judged as all solutions are, by the rays.
+
+    Raises:
+        InputError: if the scale is not known, which moves of points to walls cannot tell, or normals are asked for
+            that there are not.
+    """
+    if observation.scale.free:
+        raise InputError(
+            f"a known scale for the method {method}", f"one that is {observation.scale.kind}", "take the method naris"
+        )
+    if method == "imlop" and observation.normals is None:
+        raise InputError("normals for the method imlop", "none", "give them with the points, or take imlp")
+    points = observation.origins + observation.ranges[:, None] * observation.directions
+    surface, noise, frame = surface_of(at.anatomy), cloud_noise(observation), at.anatomy.frame
+    # The normals of an anatomy point out of its surface, those that were seen into the air.
+    normals = None if observation.normals is None else at.inside * observation.normals
+    poses = [
+        register_points(
+            points, surface, Pose(start, frame, CAMERA), noise, normals=normals, method=method, config=_NEAR
+        ).surface_T_points.matrix
+        for start in starts.poses
+    ]
+    return judged(at, observation, Starts(np.stack(poses), starts.log_scales))
+
+
+def cloud_noise(observation: Observation) -> CloudNoise:
+    """Errors along the rays, the smooth one counted as each point's own, and those in every direction."""
+    along = np.hypot(observation.radial, observation.smooth * observation.ranges)
+    rays = observation.directions
+    covariance = np.square(along)[:, None, None] * rays[:, :, None] * rays[:, None, :]
+    covariance += np.square(observation.isotropic)[:, None, None] * np.eye(3)
+    # What is not known of normals is not looked at.
+    kappa = observation.normals_rad**-2 if np.isfinite(observation.normals_rad) else 1.0
+    return CloudNoise(covariance, kappa, farthest_sd=_FARTHEST_SD)

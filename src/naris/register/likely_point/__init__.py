@@ -1,0 +1,1 @@
+"""Clouds of points registered to a surface by their most likely matches: ICP, IMLP, IMLOP and its like."""

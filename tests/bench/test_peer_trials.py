@@ -1,0 +1,36 @@
+"""Other solvers in our place: measured where the trials are given, said to be missing where they are not installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from naris.bench import BenchRequest, peer_trials
+from naris.bench.point_peers import NOT_INSTALLED
+from naris.bench.trials import FROZEN, has_frozen
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+@pytest.mark.parametrize("request_", [BenchRequest(), BenchRequest(quick=True, scans=DATA)])
+def test_without_the_trials_or_the_time_there_are_no_values(request_: BenchRequest) -> None:
+    told = peer_trials.figures(request_)
+    names = {one.name for one in told}
+    assert {f"register.peers.{name}.d.success" for name in ("naris", "icp", "imlp", "small_gicp", "open3d")} <= names
+    assert all(one.value is None and one.n == 0 for one in told)
+
+
+@pytest.mark.slow
+def test_all_who_are_there_get_the_same_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    if not has_frozen(DATA):
+        pytest.skip(f"no frozen trials at {DATA / FROZEN}")
+    monkeypatch.setattr(peer_trials, "QUICK_TRIALS", 1)
+    monkeypatch.setattr(peer_trials, "aligner", lambda *_: NOT_INSTALLED)
+    told = {one.name: one for one in peer_trials.figures(BenchRequest(quick=True, scans=DATA, only="peers"))}
+    for name in ("naris", "icp", "imlp"):
+        assert told[f"register.peers.{name}.d.success"].n == 1
+        assert (told[f"register.peers.{name}.d.cpu_s"].value or 0) > 0
+    missing = told["register.peers.open3d.d.success"]
+    assert missing.value is None
+    assert missing.peers == {"Open3D": NOT_INSTALLED}
