@@ -108,11 +108,3 @@ def test_views_of_different_scale_or_without_poses_are_refused():
         together([one, other], poses)
     with pytest.raises(PoseError, match="one pose"):
         together([one], poses)
-
-
-def test_normals_stay_with_their_points_and_look_at_the_camera() -> None:
-    points = np.random.default_rng(3).uniform([-5, -5, 8], [5, 5, 20], (50, 3))
-    seen = from_points(points, normals=points)
-    found = seen.origins + seen.ranges[:, None] * seen.directions
-    assert seen.normals is not None
-    np.testing.assert_allclose(seen.normals, -found / np.linalg.norm(found, axis=1, keepdims=True), atol=1e-12)
