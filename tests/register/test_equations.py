@@ -5,21 +5,21 @@ import pytest
 
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
-from naris.register.equations import MOST_UNKNOWNS, Equations, cast, linearise
+from naris.register.equations import MOST_UNKNOWNS, Equations, cast
 from naris.register.observation import DepthNoise, PointNoise, Scale, from_points, from_ranges, together
 from naris.register.rays import memory_for, prepared, sight
 from naris.register.solve import coarse, fine
 from naris.register.starts import Starts
+from naris.register.steps import linearise
 from naris.render.scene import Scene, render
 
 
-def cost_at(at, seen, pose, log_scale=0.0, smooth=None, *, fit_smooth=False):
-    rays, model = prepared(at, seen, smooth=fit_smooth)
+def cost_at(at, seen, pose, log_scale=0.0, smooth=None, *, is_fine=False):
+    ready = prepared(at, seen, fine=is_fine)
     matrix, right = np.zeros((MOST_UNKNOWNS, MOST_UNKNOWNS)), np.zeros(MOST_UNKNOWNS)
     values = np.zeros(MOST_UNKNOWNS) if smooth is None else smooth
-    seen_from = sight(at, rays, model)
-    mean = linearise(seen_from, pose.matrix.copy(), log_scale, values, 1.0, Equations(matrix, right))
-    return mean * len(seen), matrix, right, model
+    mean = linearise(sight(at, ready), pose.matrix.copy(), log_scale, values, 1.0, Equations(matrix, right))
+    return mean * len(seen), matrix, right, ready.model
 
 
 def bare(ranges, rays, scale=Scale()):
@@ -31,7 +31,7 @@ def test_rays_meet_the_walls_that_the_renderer_sees(nose, prepared_nose, trials)
     camera = Intrinsics.from_vertical_fov(32, 32, 80.0)
     depth = render(Scene(nose), trials[0].anatomy_T_camera, camera, want=("depth",)).depth_mm[0]
     seen = from_ranges(depth / camera.rays()[..., 2], camera.rays(), DepthNoise(smooth=0.0, pixel_mm=0.1))
-    rays, _ = prepared(prepared_nose, seen, smooth=False)
+    rays = prepared(prepared_nose, seen, fine=False).rays
     memory = memory_for(rays)
     cast(prepared_nose.embree, rays, trials[0].anatomy_T_camera.matrix.copy(), 1.0, memory)
     real = rays.valid != 0
@@ -70,11 +70,11 @@ def test_the_slope_by_the_smooth_error_is_that_of_the_cost(prepared_nose, trials
     seen = trials[1].observation("b")
     smooth = 0.01 * np.random.default_rng(3).standard_normal(MOST_UNKNOWNS)
     pose = trials[1].anatomy_T_camera
-    _, _, right, model = cost_at(prepared_nose, seen, pose, 0.0, smooth, fit_smooth=True)
+    _, _, right, model = cost_at(prepared_nose, seen, pose, 0.0, smooth, is_fine=True)
     for k in (0, 5, model.smooth - 1):
         moved = np.repeat(smooth[None], 2, axis=0)
         moved[:, k] += [1e-5, -1e-5]
-        ahead, behind = (cost_at(prepared_nose, seen, pose, 0.0, values, fit_smooth=True)[0] for values in moved)
+        ahead, behind = (cost_at(prepared_nose, seen, pose, 0.0, values, is_fine=True)[0] for values in moved)
         assert right[6 + k] == pytest.approx(-(ahead - behind) / 4e-5, rel=0.02, abs=0.5)
 
 
@@ -110,7 +110,7 @@ def test_two_views_together_see_what_each_sees_alone(prepared_nose, trials):
     relative = first.anatomy_T_camera.inverse() @ second.anatomy_T_camera
     poses = Pose(np.stack([np.eye(4), relative.matrix]), CAMERA, CAMERA)
     both = together([first.observation("a"), second.observation("a")], poses)
-    rays, _ = prepared(prepared_nose, both, smooth=False)
+    rays = prepared(prepared_nose, both, fine=False).rays
     memory = memory_for(rays)
     cast(prepared_nose.embree, rays, first.anatomy_T_camera.matrix.copy(), 1.0, memory)
     real = rays.valid != 0

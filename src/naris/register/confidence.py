@@ -145,7 +145,7 @@ def _fit(
     at: RegistrationMap, observation: Observation, pose: Float[np.ndarray, "4 4"], scale: float
 ) -> tuple[float, float, float]:
     """The share of rays that a pose explains, the misfit of those, and what a ray would cost if all were as said."""
-    rays, _ = prepared(at, observation, smooth=False)
+    rays = prepared(at, observation, fine=False).rays
     memory = memory_for(rays)
     cast(at.embree, rays, pose, scale, memory)
     real = rays.valid != 0
@@ -155,8 +155,7 @@ def _fit(
     off = np.abs(rays.range[real] * scale - wall) / (scale * np.hypot(rays.radial[real], even))
     fits = off < _EXPLAINED_SD
     misfit = float(np.median(off[fits])) / 0.6745 if fits.any() else np.inf
-    fine, _ = prepared(at, observation, smooth=True)
-    along = np.hypot(fine.radial[real], even)
+    along = np.hypot(observation.radial, even)  # rays keep the order of the observation
     expected = 1 + np.log(2 * np.pi) + 2 * float(np.log(along).mean())
     return float(fits.mean()), misfit, expected
 

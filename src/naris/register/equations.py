@@ -13,13 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from naris.anatomy.kernels import value_at
 from naris.render.lanes import LANES, load, store
 from naris.render.packets import Embree, Packet, begin_frame, found, intersect
 
 POSE = 6
 MOST_UNKNOWNS = 64
-RANGES, ON_RAY, NEAREST = 0, 1, 2
+RANGES, ON_RAY, CLOUD = 0, 1, 2
 _LEAST_COSINE = 0.05
 _OUTSIDE = 100.0
 _NO_WALL = 0.1
@@ -59,8 +58,8 @@ class Model(NamedTuple):
     """How likely it is to be seen.
 
     Attributes:
-        plane: `RANGES` to compare logarithms of ranges, `ON_RAY` to compare points with the plane of the wall that
-            their ray meets, `NEAREST` with the wall that they lie nearest to.
+        kind: `RANGES` to compare logarithms of ranges, `ON_RAY` to compare points with the plane of the wall that
+            their ray meets, `CLOUD` with all that is seen around them (`naris.register.cloud_equations`).
         outliers: the share of rays that tell nothing.
         reach: outliers lie anywhere up to here, in the unit of the observation.
         free: 1 where the scale is unknown, else 0.
@@ -68,10 +67,9 @@ class Model(NamedTuple):
         log_low, log_high: where it may lie.
         inside: the side of a wall that is seen from the lumen, as `found` tells it.
         smooth: how many functions of the smooth error are in use.
-        distance, corner, spacing: the signed distance grid of the anatomy, its first node and the step (mm).
     """
 
-    plane: int
+    kind: int
     outliers: float
     reach: float
     free: int
@@ -81,9 +79,6 @@ class Model(NamedTuple):
     log_high: float
     inside: float
     smooth: int
-    distance: np.ndarray
-    corner: np.ndarray
-    spacing: float
 
 
 class Memory(NamedTuple):
@@ -99,21 +94,6 @@ class Memory(NamedTuple):
     ray: np.ndarray
     hit: np.ndarray
     normal: np.ndarray
-
-
-class Sight(NamedTuple):
-    """What was seen, in what, and the working memory of one thread.
-
-    Attributes:
-        embree: the anatomy's scene.
-        sources: an array whose type changes with the sources of this code: numba looks at one file only.
-    """
-
-    embree: Embree
-    rays: Rays
-    model: Model
-    memory: Memory
-    sources: np.ndarray
 
 
 class Equations(NamedTuple):
@@ -147,33 +127,6 @@ def cast(embree, rays, pose, scale, memory):
         store(memory.normal, at, normal[0])
         store(memory.normal, n + at, normal[1])
         store(memory.normal, 2 * n + at, normal[2])
-
-
-@_part_njit
-def _nearest_wall(rays, at, scale, model, pose, wall):
-    """The wall that a point lies nearest to, instead of the one that its ray meets.
-
-    A point that is off in every direction may have left the ray that it was seen along. Behind that ray's wall, in
-    other air, nothing can be seen: there the ray's own wall stays.
-    """
-    ox, oy, oz, t = wall[5], wall[6], wall[7], wall[4]
-    r = rays.range[at] * scale
-    px, py, pz = ox + r * rays.x[at], oy + r * rays.y[at], oz + r * rays.z[at]
-    x = pose[0, 0] * px + pose[0, 1] * py + pose[0, 2] * pz + pose[0, 3]
-    y = pose[1, 0] * px + pose[1, 1] * py + pose[1, 2] * pz + pose[1, 3]
-    z = pose[2, 0] * px + pose[2, 1] * py + pose[2, 2] * pz + pose[2, 3]
-    values, corner, spacing = model.distance, model.corner, model.spacing
-    off = value_at(x, y, z, values, corner, spacing)
-    if r > t and off > 0.0:
-        return False, 0.0, 0.0, 0.0, 0.0
-    h = 0.5 * spacing
-    gx = (value_at(x + h, y, z, values, corner, spacing) - value_at(x - h, y, z, values, corner, spacing)) / spacing
-    gy = (value_at(x, y + h, z, values, corner, spacing) - value_at(x, y - h, z, values, corner, spacing)) / spacing
-    gz = (value_at(x, y, z + h, values, corner, spacing) - value_at(x, y, z - h, values, corner, spacing)) / spacing
-    mx = pose[0, 0] * gx + pose[1, 0] * gy + pose[2, 0] * gz
-    my = pose[0, 1] * gx + pose[1, 1] * gy + pose[2, 1] * gz
-    mz = pose[0, 2] * gx + pose[1, 2] * gy + pose[2, 2] * gz
-    return True, off, mx, my, mz
 
 
 @_inline_njit
@@ -226,17 +179,10 @@ def _equation(sight, pose, scale, smooth, at, row):
     for k in range(model.smooth):
         smooth_error += smooth[k] * rays.field[at, k]
     wall = (mx, my, mz, cosine, abs(memory.hit[at]), ox, oy, oz)
-    if model.plane == RANGES:
+    if model.kind == RANGES:
         e, sd, along, px, py, pz, factor, by_scale, by_smooth = _by_range(rays, at, scale, wall, smooth_error)
     else:
         e, sd, along, px, py, pz, factor, by_scale, by_smooth = _by_plane(rays, at, scale, wall, smooth_error)
-        if model.plane == NEAREST:
-            near, off, gx, gy, gz = _nearest_wall(rays, at, scale, model, pose, wall)
-            if near:
-                along *= max(abs(cosine), _LEAST_COSINE)
-                e, mx, my, mz = off, gx, gy, gz
-                cosine = mx * rays.x[at] + my * rays.y[at] + mz * rays.z[at]
-                along /= max(abs(cosine), _LEAST_COSINE)
     row[0], row[1], row[2] = factor * mx, factor * my, factor * mz
     row[3], row[4] = factor * (py * mz - pz * my), factor * (pz * mx - px * mz)
     row[5] = factor * (px * my - py * mx)
@@ -248,8 +194,8 @@ def _equation(sight, pose, scale, smooth, at, row):
 
 
 @_part_njit
-def linearise(sight, pose, log_scale, smooth, width, equations):
-    """The normal equations at a pose, and its cost: −2 log likelihood (and prior) a ray.
+def linearise_rays(sight, pose, log_scale, smooth, width, equations):
+    """As `naris.register.steps.linearise`, for rays each of which is compared with the wall that it meets.
 
     A range is normal about what the wall says, or an outlier (even up to `model.reach`); each ray is weighted by the
     probability that it is none. `width` widens the normal distribution, which widens the basin.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -9,9 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from naris.register.equations import NEAREST, ON_RAY, RANGES, Memory, Model, Rays, Sight
+from naris.register.cloud import lattice_of, no_cloud
+from naris.register.cloud_equations import Cloud
+from naris.register.equations import CLOUD, ON_RAY, RANGES, Memory, Model, Rays
 from naris.register.observation import Observation
 from naris.register.smooth import SmoothError, smooth_error
+from naris.register.steps import Sight
 from naris.render.fast import aligned
 from naris.render.lanes import LANES
 from naris.render.packets import PACKET_FIELDS, Packet
@@ -24,16 +28,39 @@ MOST_SMOOTH = 54
 _REACH = 3.0  # how far outliers lie, in medians of the ranges
 
 
-def prepared(at: RegistrationMap, observation: Observation, *, smooth: bool) -> tuple[Rays, Model]:
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """An observation as the compiled code reads it.
+
+    Attributes:
+        rays: of the observation, or of the lattices beside a cloud.
+        model: how likely they are.
+        cloud: empty where rays are compared one by one.
+        count: of what is compared, rays or points.
+    """
+
+    rays: Rays
+    model: Model
+    cloud: Cloud
+    count: int
+
+
+def prepared(at: RegistrationMap, observation: Observation, *, fine: bool) -> Prepared:
     """The rays of an observation and how likely they are.
 
     Args:
         at: the anatomy.
         observation: what was seen.
-        smooth: estimate the smooth error with the pose; else it counts as if every ray had its own, and points belong
-            to the wall that their ray meets.
+        fine: estimate the smooth error with the pose, and compare points with all that is seen around them; else the
+            smooth error counts as if every ray had its own, and points belong to the wall that their ray meets.
     """
-    has_field = smooth and observation.smooth > 0
+    has_field = fine and observation.smooth > 0
+    is_cloud = bool(observation.isotropic.mean() > observation.radial.mean())
+    if fine and is_cloud:
+        lattice = lattice_of(observation)
+        ones, view = np.ones(len(lattice.directions)), lattice.view
+        rays = rays_of(lattice.origins, lattice.directions, ones, ones, ones, None, view)
+        return Prepared(rays, _model(at, observation, CLOUD, 0), lattice.cloud, len(observation))
     radial = observation.radial if has_field else np.hypot(observation.radial, observation.smooth * observation.ranges)
     field = _fields(observation) if has_field else None
     rays = rays_of(
@@ -45,10 +72,15 @@ def prepared(at: RegistrationMap, observation: Observation, *, smooth: bool) -> 
         field,
         observation.view,
     )
+    kind = ON_RAY if is_cloud and not observation.scale.free else RANGES
+    model = _model(at, observation, kind, 0 if field is None else len(field.precision))
+    return Prepared(rays, model, no_cloud(), len(observation))
+
+
+def _model(at: RegistrationMap, observation: Observation, kind: int, smooth: int) -> Model:
     scale = observation.scale
-    plane = not scale.free and bool(observation.isotropic.mean() > observation.radial.mean())
-    model = Model(
-        (NEAREST if smooth else ON_RAY) if plane else RANGES,
+    return Model(
+        kind,
         float(observation.outliers),
         _REACH * float(np.median(observation.ranges)),
         int(scale.free),
@@ -57,12 +89,8 @@ def prepared(at: RegistrationMap, observation: Observation, *, smooth: bool) -> 
         float(np.log(scale.low)) if scale.kind == "unknown" else -np.inf,
         float(np.log(scale.high)) if scale.kind == "unknown" else np.inf,
         at.inside,
-        0 if field is None else len(field.precision),
-        at.distance.values_mm,
-        at.distance.origin_mm,
-        at.distance.spacing_mm,
+        smooth,
     )
-    return rays, model
 
 
 def rays_of(
@@ -100,9 +128,9 @@ def rays_of(
     )
 
 
-def sight(at: RegistrationMap, rays: Rays, model: Model) -> Sight:
+def sight(at: RegistrationMap, seen: Prepared) -> Sight:
     """All that one thread needs for the equations of an observation."""
-    return Sight(at.embree, rays, model, memory_for(rays), _sources())
+    return Sight(at.embree, seen.rays, seen.model, memory_for(seen.rays), seen.cloud, _sources())
 
 
 def memory_for(rays: Rays) -> Memory:
@@ -147,4 +175,6 @@ def _field_of(directions: bytes, sd: float, reach_deg: float, most: int) -> Smoo
 
 @lru_cache(maxsize=1)
 def _sources() -> np.ndarray:
-    return sources_of("naris.register.equations", "naris.register.steps", "naris.anatomy.kernels", *OF_PACKETS)
+    return sources_of(
+        "naris.register.equations", "naris.register.cloud_equations", "naris.register.steps", *OF_PACKETS
+    )

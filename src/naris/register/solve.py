@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from naris.register.equations import MOST_UNKNOWNS, Model, Rays
+from naris.register.equations import MOST_UNKNOWNS, Model
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
-from naris.register.rays import prepared, sight
+from naris.register.rays import Prepared, prepared, sight
 from naris.register.starts import Starts
 from naris.register.steps import Schedule, States, judge, solve
 from naris.register.threads import spread
@@ -49,33 +49,30 @@ class Solutions:
 
 def coarse(at: RegistrationMap, observation: Observation, starts: Starts, *, most_rays: int = COARSE_RAYS) -> Solutions:
     """From all starts on some of the rays, the smooth error counted as noise."""
-    rays, model = prepared(at, observation.some(most_rays), smooth=False)
-    model = model._replace(outliers=max(model.outliers, _COARSE_OUTLIERS))
-    return _solved(at, rays, model, starts, COARSE)
+    seen = prepared(at, observation.some(most_rays), fine=False)
+    model = seen.model._replace(outliers=max(seen.model.outliers, _COARSE_OUTLIERS))
+    return _solved(at, replace(seen, model=model), starts, COARSE)
 
 
 def fine(at: RegistrationMap, observation: Observation, starts: Starts) -> Solutions:
-    """On all rays, with the smooth error."""
-    rays, model = prepared(at, observation, smooth=True)
-    return _solved(at, rays, model, starts, FINE, want_matrices=True)
+    """On all rays with the smooth error, or on all points with what is seen around them."""
+    return _solved(at, prepared(at, observation, fine=True), starts, FINE, want_matrices=True)
 
 
 def judged(at: RegistrationMap, observation: Observation, starts: Starts) -> Solutions:
     """What poses that somebody else solved cost on all rays, the smooth error fitted to each."""
-    rays, model = prepared(at, observation, smooth=True)
-    return _solved(at, rays, model, starts, AS_THEY_ARE, want_matrices=True)
+    return _solved(at, prepared(at, observation, fine=True), starts, AS_THEY_ARE, want_matrices=True)
 
 
 def _solved(
     at: RegistrationMap,
-    rays: Rays,
-    model: Model,
+    seen: Prepared,
     starts: Starts,
     schedule: Schedule,
     *,
     want_matrices: bool = False,
 ) -> Solutions:
-    n = len(starts.poses)
+    n, model = len(starts.poses), seen.model
     states = States(
         starts.poses.copy(), starts.log_scales.astype(np.float64), np.zeros((n, MOST_UNKNOWNS)), np.zeros(n)
     )
@@ -83,10 +80,10 @@ def _solved(
     matrices = np.zeros((n, unknowns, unknowns)) if want_matrices else None
 
     def work(first: int, last: int) -> None:
-        seen = sight(at, rays, model)
-        solve(seen, states, schedule, first, last)
+        looking = sight(at, seen)
+        solve(looking, states, schedule, first, last)
         if matrices is not None:
-            judge(seen, states, first, last, matrices)
+            judge(looking, states, first, last, matrices)
 
     spread(work, n, pieces=n if want_matrices else None)
     order = np.argsort(states.costs, kind="stable")
@@ -94,7 +91,7 @@ def _solved(
         states.poses[order],
         states.log_scales[order],
         states.costs[order],
-        int((rays.valid != 0).sum()),
+        seen.count,
         model,
         None if matrices is None else matrices[order],
     )

@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from naris.register.equations import MOST_UNKNOWNS, POSE, Equations, linearise
+from naris.register.cloud_equations import Cloud, linearise_cloud
+from naris.register.equations import CLOUD, MOST_UNKNOWNS, POSE, Equations, Memory, Model, Rays, linearise_rays
+from naris.render.packets import Embree
 
 _ROUNDS = 2  # of fitting the smooth error before the first step
 _LONGEST_MM, _LONGEST_RAD = 2.0, 0.3
@@ -19,6 +21,23 @@ _STILL, _STILL_MM, _STILL_RAD = 1e-4, 0.02, 0.002
 
 _njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
 _part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
+
+
+class Sight(NamedTuple):
+    """What was seen, in what, and the working memory of one thread.
+
+    Attributes:
+        embree: the anatomy's scene.
+        cloud: points, where they are compared with all that is seen around them; its rays are then the lattices'.
+        sources: an array whose type changes with the sources of this code: numba looks at one file only.
+    """
+
+    embree: Embree
+    rays: Rays
+    model: Model
+    memory: Memory
+    cloud: Cloud
+    sources: np.ndarray
 
 
 class States(NamedTuple):
@@ -35,6 +54,14 @@ class Schedule(NamedTuple):
 
     widths: np.ndarray
     steps: np.ndarray
+
+
+@_part_njit
+def linearise(sight, pose, log_scale, smooth, width, equations):
+    """The normal equations at a pose, and its cost: −2 log likelihood (and prior) a ray or point."""
+    if sight.model.kind == CLOUD:
+        return linearise_cloud(sight, pose, log_scale, width, equations)
+    return linearise_rays(sight, pose, log_scale, smooth, width, equations)
 
 
 @_part_njit
