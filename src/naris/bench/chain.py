@@ -33,7 +33,6 @@ from naris.bench.chain_patient import (
 from naris.bench.chain_record import FrameRecord, Outcome, PatientRecord
 from naris.bench.result import Figure, wilson
 from naris.core.provenance import commit, file_digest, plain
-from naris.errors import InputError
 from naris.experiment.claim import claim
 
 VIRTUAL = 20
@@ -57,11 +56,9 @@ def measure(request: BenchRequest) -> Measurement:
     """All patients, or what is still missing of them in the folder `--work`.
 
     Raises:
-        InputError: if there is less than one patient, or the folder holds something else.
+        InputError: if the folder holds something else.
         ConfigurationChanged: if it holds a chain with other settings.
     """
-    if request.patients is not None and request.patients < 1:
-        raise InputError("one patient or more", f"{request.patients}", "raise the number")
     config = replace(QUICK if request.quick else ChainConfig(), seed=request.seed)
     patients = chosen(request)
     with tempfile.TemporaryDirectory(prefix="naris-bench-chain-") as spare:

@@ -59,6 +59,7 @@ ALLOWED: Mapping[str, Range] = {
     "per_position": _COUNT,
     "width": _EDGE,
     "height": _EDGE,
+    "patients": _COUNT,
     "runs": _COUNT,
     "epochs": _COUNT,
     "compact_epochs": _COUNT,
