@@ -143,7 +143,7 @@ def test_a_patient_that_was_broken_off_goes_on_where_it_was(tmp_path: Path, monk
 
     def breaks(*arguments: object) -> FrameRecord:
         made.append(1)
-        if len(made) == 2:
+        if len(made) == 3:  # the first one only warms up
             raise KeyboardInterrupt
         return whole(*arguments)
 
