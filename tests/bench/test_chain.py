@@ -170,8 +170,8 @@ def test_a_folder_of_other_settings_is_refused(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(chain, "measured", lambda *arguments: patient(frame(RIGHT)))
     chain.measure(BenchRequest(patients=1, work=tmp_path))
     chain.measure(BenchRequest(patients=2, work=tmp_path))
-    with pytest.raises(ConfigurationChanged, match="seed"):
-        chain.measure(BenchRequest(patients=2, seed=1, work=tmp_path))
+    with pytest.raises(ConfigurationChanged, match=r"--fit-steps \(3000 → 9\), --seed \(0 → 1\)"):
+        chain.measure(BenchRequest(patients=2, seed=1, fit_steps=9, work=tmp_path))
     assert json.loads((tmp_path / "settings.json").read_text())["settings"]["experiment"] == "chain"
 
 

@@ -70,7 +70,7 @@ def test_a_number_out_of_range_gets_one_sentence_that_names_it(words: str, tmp_p
         ("train builtin -o out --scopes many --fov-deg 45", "--fov-deg"),
         ("bench demo --work out --anatomy builtin", "--anatomy"),
         ("bench chain --work out --anatomy builtin", "--anatomy"),
-        ("bench demo --work out --patients 3", "--patients"),
+        ("bench demo --work out --patients 3 --fit-steps 9", "--patients, --fit-steps"),
     ],
 )
 def test_an_option_without_effect_gets_one_sentence_that_names_it(

@@ -53,6 +53,7 @@ class BenchRequest:
         work: a folder to write in, that `reproduce` and `chain` keep and take up again; None for a temporary one.
         only: the one part to measure, or None for all.
         patients: how many virtual patients `chain` measures, or None for all.
+        fit_steps: how long each patient's network learns in `chain`, or None for what the benchmark is defined on.
         progress: where long work reports to.
     """
 
@@ -64,6 +65,7 @@ class BenchRequest:
     work: Path | None = None
     only: str | None = None
     patients: int | None = None
+    fit_steps: int | None = None
     progress: Progress = SILENT
 
     def wants(self, part: str) -> bool:

@@ -34,6 +34,7 @@ from naris.bench.chain_record import FrameRecord, Outcome, PatientRecord
 from naris.bench.result import Figure, wilson
 from naris.core.provenance import commit, file_digest, plain
 from naris.experiment.claim import claim
+from naris.train import COMPACT_DEMO
 
 VIRTUAL = 20
 SCANS = {"p001": LABELLED, "ct-head": HEAD}
@@ -60,6 +61,8 @@ def measure(request: BenchRequest) -> Measurement:
         ConfigurationChanged: if it holds a chain with other settings.
     """
     config = replace(QUICK if request.quick else ChainConfig(), seed=request.seed)
+    if request.fit_steps is not None:
+        config = replace(config, fit_steps=request.fit_steps)
     patients = chosen(request)
     with tempfile.TemporaryDirectory(prefix="naris-bench-chain-") as spare:
         out = request.work or Path(spare)
@@ -69,7 +72,10 @@ def measure(request: BenchRequest) -> Measurement:
             for patient in patients:
                 records.append(measured(patient, config, out / patient.key, request.progress))
                 advance(1)
-    return Measurement(tuple(figures(records)), inputs(records, request))
+    learned = (
+        f"{config.fit_steps:,} batches of {COMPACT_DEMO.batch} views, the two-layer one {config.two_layer_steps:,}"
+    )
+    return Measurement(tuple(figures(records)), {**inputs(records, request), "each network learned from": learned})
 
 
 def chosen(request: BenchRequest) -> list[Patient]:

@@ -64,6 +64,7 @@ ALLOWED: Mapping[str, Range] = {
     "epochs": _COUNT,
     "compact_epochs": _COUNT,
     "steps": _COUNT,
+    "fit_steps": _COUNT,
     "at_will_steps": _COUNT,
     "attempts": _COUNT,
     "step_mm": _LENGTH,
