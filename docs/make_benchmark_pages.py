@@ -1,4 +1,4 @@
-"""Writes `docs/benchmarks.md` and the figures in `docs/published_experiment.md` from `benchmarks/results/*.json`.
+"""Writes `docs/benchmarks.md` and the figures in the pages `FILLED` from `benchmarks/results/*.json`.
 
     python docs/make_benchmark_pages.py            write them
     python docs/make_benchmark_pages.py --check    exit 1 if they are not what the results say
@@ -17,7 +17,7 @@ from naris.bench.result import BenchResult, Figure, read_result
 
 DOCS = Path(__file__).resolve().parent
 RESULTS = DOCS.parent / "benchmarks" / "results"
-FILLED = ("published_experiment.md",)
+FILLED = ("chain.md", "published_experiment.md")
 MISSING = "not measured yet"
 NONE_WRONG = "none wrong"
 _MARK = re.compile(r"<!-- figure (?P<name>\S+) -->.*?<!-- end -->", re.DOTALL)
@@ -65,8 +65,8 @@ def benchmarks(results: Mapping[str, BenchResult]) -> str:
         "",
         "This page is generated from `benchmarks/results/*.json` by `python docs/make_benchmark_pages.py`. Each file",
         "was written by `naris bench NAME --out benchmarks/results/NAME.json`, in full, on the commit that it names.",
-        "With `--work DIR`, `reproduce` reads the trainings of the same settings that an earlier call finished there;",
-        "their own seconds are among the figures.",
+        "With `--work DIR`, `reproduce` and `chain` read what an earlier call of these settings finished there; its",
+        "own seconds are among the figures.",
         "`naris bench NAME --quick` measures the same with fewer trials in a minute.",
         "",
     ]

@@ -4,28 +4,34 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+from naris.bench.chain_patient import BELIEFS, PREDICTION
 from naris.bench.result import BenchResult, Figure, Seconds
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture(scope="module")
-def generator() -> ModuleType:
-    path = REPOSITORY / "docs" / "make_benchmark_pages.py"
+def script(name: str) -> ModuleType:
+    path = REPOSITORY / "docs" / f"{name}.py"
     if not path.is_file():
-        pytest.skip("the generator of the pages is not part of a source distribution")
-    spec = importlib.util.spec_from_file_location("make_benchmark_pages", path)
+        pytest.skip("the generators of the pages are not part of a source distribution")
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def generator() -> ModuleType:
+    return script("make_benchmark_pages")
 
 
 SPEED = Figure(
@@ -58,3 +64,21 @@ def test_marks_are_filled_again_and_again(generator: ModuleType) -> None:
     assert "a <!-- figure demo.region_accuracy -->91.2 % (89.0 % … 93.0 %)<!-- end --> b" in once
     assert "<!-- figure other -->not measured yet<!-- end -->" in once
     assert generator.filled(once, {SHARE.name: SHARE}) == once
+
+
+def test_the_figure_of_the_chain_parts_all_frames(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    drawer = script("make_chain_figure")
+    parts = {"tre_lt2": 0.5, "refused": 0.375, "accepted_wrong": 0.125, "likeliest_lt2": 0.75}
+    names = [f"register.chain.{noise}{belief}" for noise in drawer.NOISES for belief in drawer.TOLD]
+    made = [Figure(f"{name}.{part}", value, "1", 8, "higher", 0.7) for name in names for part, value in parts.items()]
+    result = replace(RESULT, figures=tuple(made), inputs={"patients": "one"})
+    assert drawer.shares(result, names[0]).each == (0.5, 0.25, 0.125, 0.125)
+    drawer.draw(result, tmp_path / "chain.png")
+    assert (tmp_path / "chain.png").stat().st_size > 1000
+
+
+def test_the_figure_of_the_chain_shows_every_belief() -> None:
+    pytest.importorskip("matplotlib")
+    told = {belief.removeprefix(".") for belief in script("make_chain_figure").TOLD}
+    assert told == {"" if belief == PREDICTION else belief for belief in BELIEFS}

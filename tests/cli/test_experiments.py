@@ -49,6 +49,8 @@ def test_a_demo_with_other_settings_is_refused_by_their_names(
         ("simulate", Path("w"), "begins anew"),
         ("reproduce", None, "--work"),
         ("reproduce", Path("w"), "goes on"),
+        ("chain", None, "--work"),
+        ("chain", Path("w"), "goes on"),
     ],
 )
 def test_an_interrupted_benchmark_promises_what_it_keeps(name: str, work: Path | None, told: str) -> None:

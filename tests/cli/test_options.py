@@ -29,6 +29,7 @@ from naris.cli.options import ALLOWED, Range, flag
         "reproduce --anatomy builtin --texture x.png -o out --seed -1",
         "reproduce --anatomy builtin --texture x.png -o out --workers 0",
         "bench render --work out --seed -1",
+        "bench chain --work out --patients 0",
         "train builtin -o out --seeds 0 -1",
         "train builtin -o out --budget-s nan",
         "train builtin -o out --budget-s 0",
@@ -68,6 +69,8 @@ def test_a_number_out_of_range_gets_one_sentence_that_names_it(words: str, tmp_p
         ("train builtin -o out --workers 1", "--workers"),
         ("train builtin -o out --scopes many --fov-deg 45", "--fov-deg"),
         ("bench demo --work out --anatomy builtin", "--anatomy"),
+        ("bench chain --work out --anatomy builtin", "--anatomy"),
+        ("bench demo --work out --patients 3 --fit-steps 9", "--patients, --fit-steps"),
     ],
 )
 def test_an_option_without_effect_gets_one_sentence_that_names_it(

@@ -33,6 +33,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
         "how often, how surely and at what cost a registration ends right",
         ("trials", "cissticp", "peers"),
     ),
+    "chain": Benchmark("naris.bench.chain", "frame in and pose out: each patient's own network starts a registration"),
     "demo": Benchmark("naris.bench.demo", "what naris demo comes to, and its seconds"),
     "reproduce": Benchmark("naris.bench.reproduce", "the published experiment, every network on every split"),
 }
@@ -48,9 +49,11 @@ class BenchRequest:
         seed: of everything random.
         anatomy: a surface file or a saved anatomy, the word `builtin`, or None for what the benchmark is defined on.
         texture: a picture for the walls, or None.
-        scans: a folder with real scans for `anatomy` and frozen trials for `register`, or None.
-        work: a folder to write in, that `reproduce` keeps and takes up again; None for a temporary one.
+        scans: a folder with real scans for `anatomy` and `chain` and frozen trials for `register`, or None.
+        work: a folder to write in, that `reproduce` and `chain` keep and take up again; None for a temporary one.
         only: the one part to measure, or None for all.
+        patients: how many virtual patients `chain` measures, or None for all.
+        fit_steps: how long each patient's network learns in `chain`, or None for what the benchmark is defined on.
         progress: where long work reports to.
     """
 
@@ -61,6 +64,8 @@ class BenchRequest:
     scans: Path | None = None
     work: Path | None = None
     only: str | None = None
+    patients: int | None = None
+    fit_steps: int | None = None
     progress: Progress = SILENT
 
     def wants(self, part: str) -> bool:

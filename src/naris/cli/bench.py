@@ -33,22 +33,27 @@ class Options:
     quick: bool = False
     """At most 60 s on two cores, with fewer trials."""
     anatomy: Annotated[IfGiven[str], tyro.conf.arg(metavar="FILE|builtin")] = None
-    """What to measure on; by default the published mean nose (naris fetch mean-nose). Not for anatomy, register
-    and demo, which have their own."""
+    """What to measure on; by default the published mean nose (naris fetch mean-nose). Not for anatomy, register,
+    chain and demo, which have their own."""
     texture: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
     """A picture that colours the walls; by default that of the mean nose. Not for anatomy,
-    register and demo."""
+    register, chain and demo."""
     scans: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
-    """Real data for the benchmarks anatomy and register: a folder with nasalseg-p001/P001_img.nrrd and P001_seg.nrrd
-    (case P001 of NasalSeg) and ct-head/ct_head.nii.gz (of the Python package dicom2stl), or with
+    """Real data for the benchmarks anatomy, chain and register: a folder with nasalseg-p001/P001_img.nrrd and
+    P001_seg.nrrd (case P001 of NasalSeg) and ct-head/ct_head.nii.gz (of the Python package dicom2stl), or with
     registration-trials/trials.npz, mean-nose/ASR.ply and cissticp/ (test_data of cisstICP); figures of those that are
     missing have no value."""
     only: Annotated[IfGiven[str], tyro.conf.arg(metavar="PART")] = None
     """Measure one part alone; of register: trials, cissticp (clouds to a surface, seconds) or peers."""
+    patients: IfGiven[int] = None
+    """How many virtual patients, of chain; 20 when not given. With --work, more can follow later."""
+    fit_steps: IfGiven[int] = None
+    """Batches that each patient's network learns from, of chain; 3000 when not given, three minutes on two cores."""
     seed: int = 0
     """Of everything random."""
     work: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
-    """Where benchmarks write; by default a temporary folder. Only reproduce keeps it, and goes on there later."""
+    """Where benchmarks write; by default a temporary folder. Only reproduce and chain keep it, and go on there
+    later."""
     out: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-o"], metavar="FILE")] = None
     """Write the result there too, as JSON."""
 
@@ -58,12 +63,14 @@ def run(options: Options, console: Console) -> int:
     from naris.bench import BenchRequest, run_benchmark
     from naris.core.atomic import check_writable, write_json
 
-    if options.name in ("anatomy", "demo", "register"):
+    if options.name in ("anatomy", "chain", "demo", "register"):
         refuse(options, ("anatomy", "texture"), "only with another benchmark", options.name)
     if options.name in ("render", "register"):
         refuse(options, ("work",), "only with a benchmark that writes", options.name)
-    if options.name not in ("anatomy", "register"):
-        refuse(options, ("scans",), "only with the benchmarks anatomy and register", options.name)
+    if options.name != "chain":
+        refuse(options, ("patients", "fit_steps"), "only with the benchmark chain", options.name)
+    if options.name not in ("anatomy", "chain", "register"):
+        refuse(options, ("scans",), "only with the benchmarks anatomy, chain and register", options.name)
     elif options.scans is not None and not options.scans.is_dir():
         raise InputError(f"a folder of scans at {options.scans}", "none", "check the path")
     request = BenchRequest(
@@ -74,6 +81,8 @@ def run(options: Options, console: Console) -> int:
         scans=options.scans,
         work=options.work,
         only=options.only,
+        patients=options.patients,
+        fit_steps=options.fit_steps,
         progress=console.progress,
     )
     if options.out is not None:
@@ -87,7 +96,7 @@ def run(options: Options, console: Console) -> int:
 
 def interrupted(options: Options) -> str:
     """What a user who stopped it should know."""
-    if options.name != "reproduce":
+    if options.name not in ("chain", "reproduce"):
         return "nothing was kept, this benchmark begins anew each time"
     if options.work is None:
         return "nothing was kept; give --work DIR to go on another time"

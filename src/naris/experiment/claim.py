@@ -14,6 +14,7 @@ from naris.errors import ConfigurationChanged, InputError
 
 SETTINGS = "settings.json"
 _TYPED = {
+    "chain": {"fit_steps": "--fit-steps", "seed": "--seed"},
     "demo": {"budget_s": "--budget-s", "seed": "--seed"},
     "reproduce": {
         "epochs": "--epochs",
