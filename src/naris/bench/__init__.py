@@ -31,7 +31,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     "register": Benchmark(
         "naris.bench.register",
         "how often, how surely and at what cost a registration ends right",
-        ("trials", "cissticp", "peers"),
+        ("trials", "cissticp", "peers", "deformable"),
     ),
     "demo": Benchmark("naris.bench.demo", "what naris demo comes to, and its seconds"),
     "reproduce": Benchmark("naris.bench.reproduce", "the published experiment, every network on every split"),

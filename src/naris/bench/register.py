@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.bench import BenchRequest, Measurement, cissticp, peer_trials
+from naris.bench import BenchRequest, Measurement, cissticp, deformable, peer_trials
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
     FROZEN,
@@ -82,12 +82,14 @@ class Setting:
 
 
 def measure(request: BenchRequest) -> Measurement:
-    """All figures, or those of a part: trials, the runs of cisstICP, and peers in the place of our solver."""
+    """All figures, or those of a part: trials, the runs of cisstICP, peers in the place of our solver, shapes."""
     figures = of_trials(request) if request.wants("trials") else []
     if request.wants("cissticp"):
         figures += cissticp.figures(request)
     if request.wants("peers"):
         figures += peer_trials.figures(request)
+    if request.wants("deformable"):
+        figures += deformable.figures(request)
     return Measurement(tuple(figures), _inputs(request))
 
 

@@ -44,7 +44,8 @@ class Options:
     registration-trials/trials.npz, mean-nose/ASR.ply and cissticp/ (test_data of cisstICP); figures of those that are
     missing have no value."""
     only: Annotated[IfGiven[str], tyro.conf.arg(metavar="PART")] = None
-    """Measure one part alone; of register: trials, cissticp (clouds to a surface, seconds) or peers."""
+    """Measure one part alone; of register: trials, cissticp (clouds to a surface, seconds), peers or
+    deformable (a mean nose whose shape is estimated, a quarter of an hour)."""
     seed: int = 0
     """Of everything random."""
     work: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None

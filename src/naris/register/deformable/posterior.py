@@ -203,9 +203,7 @@ def _ways(rays: Rays) -> Float[np.ndarray, "n 3"]:
     return np.stack([rays.x, rays.y, rays.z], axis=1).astype(np.float64)
 
 
-def _priors(
-    problem: Problem, state: State, matrix: Float[np.ndarray, "u u"], right: Float[np.ndarray, "u"]
-) -> float:
+def _priors(problem: Problem, state: State, matrix: Float[np.ndarray, "u u"], right: Float[np.ndarray, "u"]) -> float:
     """Adds what is known beforehand of scale, smooth error and shape; gives what it costs."""
     model, cost, at = problem.model, 0.0, POSE
     if model.free:

@@ -32,6 +32,7 @@ from naris.register.starts import NOTHING, Belief, Starts, find_starts
 _BASIN_MM, _BASIN_RAD = 2.0, 0.15
 _EXPLAINED_SD = 3.0
 _LEAST_CHANCE = 1e-3
+_EVERY = 8  # of the rays: walls move smoothly
 _AROUND_MM, _AROUND = 10.0, 1.5  # of what a camera sees, and more than the 95th percentile of it
 
 
@@ -115,7 +116,8 @@ def _best(
     solutions = Solutions(poses[order], scales[order], odds[order], int((rays.valid != 0).sum()), model)
     basins = different(solutions, 2, _BASIN_MM, _BASIN_RAD)
     margin = float(odds[order[basins[1]]] - odds[order[0]]) if len(basins) > 1 else np.inf
-    return _told(*ends[order[0]], observation, np.inf if np.isnan(margin) else margin)
+    problem, end = ends[order[0]]
+    return _told(problem, end, np.inf if np.isnan(margin) else margin)
 
 
 def _with_shape_as_noise(observation: Observation, off_mm: float) -> Observation:
@@ -140,11 +142,12 @@ def _around(problem: Problem, state: State) -> Problem:
     return replace(problem, faces=faces, at_mean=Walls(problem.at_mean.vertices_mm, faces, problem.model.inside))
 
 
-def _told(problem: Problem, end: Ended, observation: Observation, margin: float) -> DeformableRegistration:
+def _told(problem: Problem, end: Ended, margin: float) -> DeformableRegistration:
     """The result, refused or not."""
     state, first, frame = end.state, problem.first_weight, problem.modes.mean.frame
     covariance = np.linalg.inv(end.at.matrix + 1e-9 * np.eye(problem.unknowns))
     walls, places = ended(problem, state)
+    target_sd_mm, turn_sd_deg = _in_view(problem, state, walls, places, covariance)
     deformed, closed = _deformed(problem.modes, state.weights)
     pose = Pose(state.pose, frame, CAMERA)
     found = DeformableRegistration(
@@ -156,9 +159,11 @@ def _told(problem: Problem, end: Ended, observation: Observation, margin: float)
         scale_sd=float(np.sqrt(covariance[POSE, POSE])) if problem.model.free else 0.0,
         weights=state.weights,
         weight_sd=np.sqrt(np.diag(covariance)[first:]),
+        stretch=_stretch(state.weights, covariance[first:, first:]),
         deformed=deformed,
         vertex_sd_mm=_vertex_sd(problem.modes, covariance[first:, first:]),
-        target_sd_mm=_target_sd(problem, state, walls, places, covariance),
+        target_sd_mm=target_sd_mm,
+        turn_sd_deg=turn_sd_deg,
         covariance=covariance[:POSE, :POSE],
         fit=_fit(problem, state, walls, places),
         margin=margin,
@@ -198,21 +203,33 @@ def _fit(problem: Problem, state: State, walls: Walls, places: Places) -> Fit:
     return Fit(median, float(mm.mean()), p95, float(fits.sum() / real.sum()), misfit)
 
 
-def _target_sd(
+def _stretch(weights: Float[np.ndarray, "k"], covariance: Float[np.ndarray, "k k"]) -> float:
+    """Most likely weights of the model's patients have the covariance I − C, if C is what is left of doubt."""
+    expected = len(weights) - float(np.trace(covariance))
+    return float(weights @ weights) / expected if expected > 1e-9 else 0.0
+
+
+def _in_view(
     problem: Problem, state: State, walls: Walls, places: Places, covariance: Float[np.ndarray, "u u"]
-) -> float:
-    """How loose the places of the walls are in the camera, by pose and shape together (mm)."""
-    few = np.flatnonzero(places.met)[::8]
+) -> tuple[float, float]:
+    """How loose the walls in view are in the camera, by pose and shape together: each place (mm), and the turn of all.
+
+    A pose in the frame of the mean is looser: what all of the walls in view do together, shape and pose share.
+    """
+    few = np.flatnonzero(places.met)[::_EVERY]
     if not len(few):
-        return float("inf")
+        return float("inf"), float("inf")
     some = Places(*(part[few] for part in vars(places).values()))
     rotation, camera = state.pose[:3, :3], state.pose[:3, 3]
     at = (walls.points_mm(some) - camera) @ rotation
+    as_one = np.concatenate([np.broadcast_to(-np.eye(3), (len(few), 3, 3)), _cross(at)], axis=2)
     rows = np.zeros((len(few), 3, problem.unknowns))
-    rows[:, :, :3] = -np.eye(3)
-    rows[:, :, 3:POSE] = _cross(at)
+    rows[:, :, :POSE] = as_one
     rows[:, :, problem.first_weight :] = np.einsum("ab,nak->nbk", rotation, moves(problem, some))
-    return float(np.sqrt(np.einsum("nau,uw,naw->n", rows, covariance, rows, optimize=True).mean()))
+    target = float(np.sqrt(np.einsum("nau,uw,naw->n", rows, covariance, rows, optimize=True).mean()))
+    twist = np.linalg.pinv(as_one.reshape(-1, POSE)) @ rows.reshape(-1, problem.unknowns)
+    turn = (twist @ covariance @ twist.T)[3:, 3:]
+    return target, float(np.rad2deg(np.sqrt(max(np.linalg.eigvalsh(turn)[-1], 0.0))))
 
 
 def _cross(at: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:

@@ -45,11 +45,15 @@ class DeformableRegistration:
         scale_sd: standard deviation of its logarithm; 0 where it was known.
         weights: (K,) of the modes, in standard deviations of the population.
         weight_sd: (K,) their standard deviations: 1, as before, for a mode of which nothing was seen.
+        stretch: their squared length over what it is on average for patients of the model who are seen as well as
+            this; about 1, and far above it for a shape that is bent to fit a wrong place or another kind of patient.
         deformed: the mean at these weights, with its regions, landmarks and passages.
         vertex_sd_mm: (V,) of its vertices, over all directions; without the modes that the model leaves out.
         target_sd_mm: of the walls in view, in the camera: how well it is known which place is seen where; root mean
             square over the rays.
-        covariance: (6, 6) of the twist in the camera (mm, rad).
+        turn_sd_deg: of those walls as a whole, turned in the camera about their loosest axis.
+        covariance: (6, 6) of the twist in the camera (mm, rad), to the frame of the mean. It is looser than the walls
+            in view are: what moves all of them alike may be the pose or the shape.
         fit: of the points to the walls.
         margin: how much less of the posterior, in −2 log, the best basin of another pose holds; infinite if there is
             no other.
@@ -65,9 +69,11 @@ class DeformableRegistration:
     scale_sd: float
     weights: Float[np.ndarray, "k"]
     weight_sd: Float[np.ndarray, "k"]
+    stretch: float
     deformed: Anatomy
     vertex_sd_mm: Float[np.ndarray, "v"]
     target_sd_mm: float
+    turn_sd_deg: float
     covariance: Float[np.ndarray, "6 6"]
     fit: Fit
     margin: float
@@ -83,23 +89,23 @@ class Limits:
         explained: at least this share of the rays within 3 standard deviations of their wall.
         misfit: at most so much more than the stated noise.
         margin: another place must hold at most exp(−margin / 2) as much of the posterior.
-        target_sd_mm: of the walls in view, at most.
-        sd_deg: of the rotation about its loosest axis, at most.
+        target_sd_mm, turn_sd_deg: of the walls in view in the camera, at most.
         weight: no mode further out than this, in standard deviations of the population.
+        stretch: of all modes together.
     """
 
     explained: float = 0.8
     misfit: float = 1.5
     margin: float = 12.0
     target_sd_mm: float = 1.0
-    sd_deg: float = 2.5
+    turn_sd_deg: float = 2.5
     weight: float = 3.0
+    stretch: float = 2.0
 
 
 def refusal(found: DeformableRegistration, limits: Limits = Limits()) -> str | None:
     """Why a result should not be used, the heaviest reason first; None where it may be."""
     fit, farthest = found.fit, float(np.abs(found.weights).max(initial=0.0))
-    sd_deg = float(np.rad2deg(np.sqrt(max(np.linalg.eigvalsh(found.covariance[3:, 3:])[-1], 0.0))))
     if not np.isfinite(fit.median_mm) or fit.explained < limits.explained:
         return (
             f"no shape of the model explains what was seen: {fit.explained:.0%} of the rays fit the best one; "
@@ -111,11 +117,13 @@ def refusal(found: DeformableRegistration, limits: Limits = Limits()) -> str | N
         return f"the walls are {fit.misfit:.1f} times as far off as the stated noise makes them: state it larger"
     if farthest > limits.weight:
         return f"a mode lies {farthest:.1f} standard deviations out: hardly one of the model's patients"
+    if found.stretch > limits.stretch:
+        return f"the shape is bent {found.stretch:.1f} times as much as is usual: hardly one of the model's patients"
     if found.margin < limits.margin:
         return "several places fit alike: give another view, or more of them"
-    if found.target_sd_mm > limits.target_sd_mm or sd_deg > limits.sd_deg:
+    if found.target_sd_mm > limits.target_sd_mm or found.turn_sd_deg > limits.turn_sd_deg:
         return (
-            f"pose and shape together leave the walls in view loose ({found.target_sd_mm:.1f} mm, {sd_deg:.1f}°): "
-            "give a view with more shape"
+            f"pose and shape together leave the walls in view loose ({found.target_sd_mm:.1f} mm, "
+            f"{found.turn_sd_deg:.1f}°): give a view with more shape"
         )
     return None
