@@ -264,7 +264,7 @@ def _warm_up(setting: Setting) -> None:
 
 def _inputs(request: BenchRequest) -> dict[str, str]:
     told = {"patients": "built-in noses of drawn parameters, seeds apart from those of the confidence"}
-    for name in (FROZEN, MEAN, cissticp.MESH):
+    for name in (FROZEN, MEAN, cissticp.MESH, f"{deformable.SHOT}/structure.ply"):
         if request.scans is not None and (request.scans / name).is_file():
             told[name] = f"SHA-256 {file_digest(request.scans / name)}"
     return told

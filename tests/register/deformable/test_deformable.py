@@ -249,6 +249,7 @@ def test_without_modes_it_is_rigid_registration(nose, prepared_nose, trials, noi
     assert np.rad2deg(off_rad) < (1.0 if noise == "d" else 0.3)
     assert found.scale == pytest.approx(rigid.scale, rel=0.01)
     assert found.deformed is nose and found.weights.shape == (0,)
+    assert found.status == "refused" and found.anatomy_T_camera is None
 
 
 def test_regions_landmarks_and_passages_come_along(at, modes, weights, pose, depth_mm):

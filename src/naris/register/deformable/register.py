@@ -32,6 +32,7 @@ from naris.register.starts import NOTHING, Belief, Starts, find_starts
 _BASIN_MM, _BASIN_RAD = 2.0, 0.15
 _EXPLAINED_SD = 3.0
 _LEAST_CHANCE = 1e-3
+_RIGID = "without modes nothing says how far the patient differs from the mean: register judges such poses"
 _EVERY = 8  # of the rays: walls move smoothly
 _AROUND_MM, _AROUND = 10.0, 1.5  # of what a camera sees, and more than the 95th percentile of it
 
@@ -49,7 +50,7 @@ class DeformableConfig:
 
     starts: int = 200
     finalists: int = 6
-    steps: int = 30
+    steps: int = 40
     seed: int = 0
 
 
@@ -63,7 +64,7 @@ def register_deformable(
     """Find the camera that saw this, the scale if it is not known, and the shape of the anatomy.
 
     In the search on the mean, how far walls differ from it counts as noise of every ray; from there on it is the shape.
-    Without modes this is rigid registration by rays. A mode of which nothing was seen keeps weight 0 and deviation 1.
+    Without modes this is rigid registration by rays, and always refused: the limits are on shapes. A mode of which nothing was seen keeps weight 0 and deviation 1.
 
     Args:
         at: the mean, prepared (`registration_map`).
@@ -88,7 +89,7 @@ def register_deformable(
 
 
 def refine(
-    at: RegistrationMap, modes: Modes, observation: Observation, starts: Starts, steps: int = 30
+    at: RegistrationMap, modes: Modes, observation: Observation, starts: Starts, steps: int = 40
 ) -> DeformableRegistration:
     """As `register_deformable`, from given starts and no others."""
     return _best(at, modes, observation, starts, (NOTHING, steps))
@@ -170,7 +171,7 @@ def _told(problem: Problem, end: Ended, margin: float) -> DeformableRegistration
         iterations=end.steps,
         converged=end.converged,
     )
-    reason = refusal(found) or closed
+    reason = refusal(found) or closed or (None if len(problem.modes) else _RIGID)
     if reason is not None:
         return replace(found, reason=reason)
     return replace(found, status="registered", anatomy_T_camera=pose)
