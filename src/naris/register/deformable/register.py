@@ -64,7 +64,8 @@ def register_deformable(
     """Find the camera that saw this, the scale if it is not known, and the shape of the anatomy.
 
     In the search on the mean, how far walls differ from it counts as noise of every ray; from there on it is the shape.
-    Without modes this is rigid registration by rays, and always refused: the limits are on shapes. A mode of which nothing was seen keeps weight 0 and deviation 1.
+    Without modes this is rigid registration by rays, and always refused: the limits are on shapes. A mode of which
+    nothing was seen keeps weight 0 and deviation 1.
 
     Args:
         at: the mean, prepared (`registration_map`).
