@@ -282,8 +282,8 @@ def test_the_search_finds_its_place_or_says_that_it_cannot(at, modes, weights, p
         ({"weights": np.eye(MODES)[0] * 3.5}, "hardly one of the model's patients"),
         ({"stretch": 4.0}, "hardly one of the model's patients"),
         ({"margin": 3.0}, "several places fit alike"),
-        ({"target_sd_mm": 1.4}, "loose"),
-        ({"turn_sd_deg": 4.0}, "loose"),
+        ({"target_sd_mm": 0.6}, "loose"),
+        ({"turn_sd_deg": 1.5}, "loose"),
     ],
 )
 def test_every_limit_refuses_with_its_reason(at, modes, pose, depth_mm, change, message):

@@ -85,6 +85,9 @@ class DeformableRegistration:
 class Limits:
     """When a deformable registration may be used. They are limits on what it says of itself, not a probability.
 
+    What is asked for is that the walls in view are within 2 mm, vertex by vertex, and turned by no more than 5°. The
+    deviations are limited to a quarter of that: of clouds of points they are found half as large as they should be.
+
     Attributes:
         explained: at least this share of the rays within 3 standard deviations of their wall.
         misfit: at most so much more than the stated noise.
@@ -97,8 +100,8 @@ class Limits:
     explained: float = 0.8
     misfit: float = 1.5
     margin: float = 12.0
-    target_sd_mm: float = 1.0
-    turn_sd_deg: float = 2.5
+    target_sd_mm: float = 0.5
+    turn_sd_deg: float = 1.25
     weight: float = 3.0
     stretch: float = 2.0
 
