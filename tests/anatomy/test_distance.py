@@ -266,3 +266,13 @@ def test_around_some_points_a_finer_grid_says_what_the_surface_says(between) -> 
     exact = fine.exact(np.stack(np.meshgrid(*fine.nodes_mm, indexing="ij"), axis=-1))
     np.testing.assert_allclose(fine.values_mm[exact > -1.0], exact[exact > -1.0], atol=1e-5)
     assert (fine.values_mm[exact < -1.0] <= -1.0 + 1e-5).all()
+
+
+def test_after_the_vertices_went_elsewhere_the_nearest_points_are_those_of_the_new_mesh():
+    one, rng = torus(), np.random.default_rng(4)
+    moved = one.vertices_mm * [1.2, 0.8, 1.0] + rng.normal(0, 0.2, one.vertices_mm.shape)
+    points = rng.uniform(-30, 30, (200, 3))
+    found = index_triangles(one.vertices_mm, one.faces).closest_of(moved, one.faces, points)
+    anew = index_triangles(moved, one.faces).closest(points)
+    assert np.array_equal(found.distance_mm, anew.distance_mm)
+    assert np.allclose(found.points_mm, anew.points_mm)

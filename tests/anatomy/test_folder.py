@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from naris.anatomy.folder import DESCRIPTION, load_anatomy, save_anatomy
+from naris.anatomy.folder import DESCRIPTION, load_anatomy, remove_anatomy, save_anatomy
 from naris.anatomy.regions import PAPER_SLABS, whole, write_regions
 from naris.core.anatomy import Between, Enclosed, Entrance, GridRegions, Passage, SlabRegions
 from naris.errors import DiskFull, RegionError, SurfaceError
@@ -195,3 +195,14 @@ def test_the_built_in_nose_goes_by_its_word(tmp_path):
     assert nose.passages
     save_anatomy(nose, tmp_path)
     same(load_anatomy(tmp_path), nose)
+
+
+def test_an_anatomy_is_taken_away_and_nothing_else(tmp_path):
+    save_anatomy(sphere(), tmp_path / "own")
+    remove_anatomy(tmp_path / "own")
+    assert not (tmp_path / "own").exists()
+    save_anatomy(sphere(), tmp_path / "shared")
+    (tmp_path / "shared" / "notes.txt").write_text("mine")
+    remove_anatomy(tmp_path / "shared")
+    assert [one.name for one in (tmp_path / "shared").iterdir()] == ["notes.txt"]
+    remove_anatomy(tmp_path / "nowhere")

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from naris.anatomy.folder import load_anatomy
+from naris.anatomy.folder import load_anatomy, save_anatomy
+from naris.anatomy.shape_model import ShapeModel, save_shape_model
 from naris.bench.trials import drawn_trials
 from naris.cli import main
 from naris.core.camera import Intrinsics
@@ -21,6 +22,7 @@ from naris.render.scene import Scene, render
 from tests.conftest import shared_file
 from tests.register.sfm.colmap_models import Model, model_of, write_binary, write_text
 from tests.register.sfm.simulated import SHOT, reconstructed
+from tests.winding_tube import widening_tube
 
 CAMERA = Intrinsics.from_vertical_fov(48, 40, 80.0)
 ASIDE = Pose.exp(
@@ -192,6 +194,10 @@ def test_another_method_can_be_chosen(
         (["--depth", "{seen}/depth.npy", "--method", "icp", "--scale", "unknown"], "--scale known with --method icp"),
         (["--depth", "{seen}/depth.npy", "--normals-deg", "9"], "only with --method imlop"),
         (["--depth", "{seen}/depth.npy", "--model", "m"], "--frame with --model"),
+        (["--depth", "{seen}/depth.npy", "--modes", "0"], "--modes"),
+        (["--depth", "{seen}/depth.npy", "--modes", "5", "--probability", "0.5"], "--probability only without a shape"),
+        (["--depth", "{seen}/depth.npy", "--modes", "5", "--method", "icp"], "--method naris with a shape"),
+        (["--depth", "{seen}/depth.npy", "--shape-model", "{seen}"], "a shape model in"),
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "1000"], "check the unit"),
         (["--depth", "{seen}/depth.npy", "--frame", "{seen}/depth.png", "--noise", "-1"], "--noise"),
     ],
@@ -225,3 +231,44 @@ def test_of_a_reconstruction_view_and_scale_must_be_said(
     filled = [one.format(seen=seen) for one in arguments]
     assert main(["register", str(tube), "--cloud", str(seen / "colmap"), "--quiet", *filled]) == 2
     assert message in capfd.readouterr().err
+
+
+def test_a_shape_is_estimated_with_the_pose_and_kept_beside_it(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from naris.register.deformable import register as deformable
+
+    monkeypatch.setattr(deformable, "refusal", lambda _: None)
+    out = tmp_path / "out"
+    arguments = words(tube, seen, "--depth", str(seen / "depth.npy"), "--modes", "8", "-o", str(out))
+    assert main([*arguments, "--json"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["status"] == "registered" and "probability" not in told
+    assert len(told["weights"]) == len(told["weight_sd"]) == 8
+    assert max(told["weight_sd"]) <= 1.001 and told["scale"] == 1.0
+    deformed = load_anatomy(str(out / "anatomy"))
+    assert deformed.digest == told["deformed"]["digest"] != told["anatomy"]["digest"]
+    assert deformed.region_set("slabs").names == ("one", "two", "three", "four")
+    assert np.load(out / "vertex_sd_mm.npy").shape == (len(deformed.vertices_mm),)
+    assert str(out / "anatomy") in told["files"] and (out / "anatomy_T_camera.tfm").is_file()
+    # A later one that is refused leaves nothing that looks like an answer.
+    monkeypatch.setattr(deformable, "refusal", lambda _: "it is not sure")
+    assert main(arguments) == 1
+    assert capfd.readouterr().out.startswith("refused: it is not sure")
+    assert {one.name for one in out.iterdir()} == {"registration.json", "landmarks.mrk.json"}
+    assert json.loads((out / "registration.json").read_text())["anatomy_T_camera"] is None
+
+
+def test_a_shape_model_goes_with_its_mean(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    mean = load_anatomy(str(tube))
+    modes = 0.2 * np.stack([mean.vertex_normals, mean.vertices_mm / 40]).astype(np.float32)
+    save_shape_model(ShapeModel(mean, modes, np.array([0.7, 0.3]), 5, 0.1), tmp_path / "model")
+    model, depth = str(tmp_path / "model"), str(seen / "depth.npy")
+    assert main(words(tube, seen, "--depth", depth, "--shape-model", model, "--json")) in (0, 1)
+    assert len(json.loads(capfd.readouterr().out)["weights"]) == 2
+    arguments = ["--cloud", str(seen / "points.txt"), "--shape-model", model, "--quiet"]
+    save_anatomy(widening_tube(), tmp_path / "wide")
+    assert main(["register", str(tmp_path / "wide"), *arguments]) == 2
+    assert "the mean of the shape model" in capfd.readouterr().err

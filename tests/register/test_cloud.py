@@ -98,7 +98,9 @@ def test_two_views_together_cost_what_each_does(prepared_nose, trials):
     seen = [cloud(one, np.random.default_rng(k)) for k, one in enumerate((first, second))]
     relative = first.anatomy_T_camera.inverse() @ second.anatomy_T_camera
     both = together(seen, Pose(np.stack([np.eye(4), relative.matrix]), CAMERA, CAMERA))
-    apart = [at_pose(prepared_nose, one, trial.anatomy_T_camera)[0] for one, trial in zip(seen, trials[:2], strict=True)]
+    apart = [
+        at_pose(prepared_nose, one, trial.anatomy_T_camera)[0] for one, trial in zip(seen, trials[:2], strict=True)
+    ]
     assert at_pose(prepared_nose, both, first.anatomy_T_camera)[0] == pytest.approx(sum(apart), rel=0.03)
 
 

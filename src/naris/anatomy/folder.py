@@ -64,6 +64,22 @@ def save_anatomy(anatomy: Anatomy, folder: Path | str) -> None:
         previous.unlink(missing_ok=True)
 
 
+def remove_anatomy(folder: Path) -> None:
+    """Takes away the anatomy that a folder holds, and the folder if nothing else is in it.
+
+    Raises:
+        SurfaceError: if its description cannot be read.
+    """
+    if not (folder / DESCRIPTION).is_file():
+        return
+    surface = _surface_of(folder)
+    (folder / DESCRIPTION).unlink()
+    if surface is not None:
+        surface.unlink(missing_ok=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
 def source_in(folder: Path) -> str | None:
     """Where the anatomy that a folder holds came from; None where it holds none.
 

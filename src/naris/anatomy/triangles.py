@@ -82,10 +82,23 @@ class TriangleIndex:
 
     def closest(self, points_mm: Float[np.ndarray, "*n 3"]) -> Closest:
         """The nearest point of the surface to each point (double precision)."""
+        return self._closest(points_mm, self.corners_mm, self.boxes_mm)
+
+    def closest_of(
+        self, vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], points_mm: Float[np.ndarray, "*n 3"]
+    ) -> Closest:
+        """As `closest`, after the vertices of the mesh went elsewhere: exact, and slower the further they went."""
+        corners = np.ascontiguousarray(vertices_mm[faces[self.face_ids]])
+        boxes = np.hstack([corners.min(axis=1), corners.max(axis=1)])
+        return self._closest(points_mm, corners, _boxes_of_tree(boxes, self.leaf_start))
+
+    def _closest(
+        self, points_mm: Float[np.ndarray, "*n 3"], corners: Float[np.ndarray, "f 3 3"], boxes: Float[np.ndarray, "m 6"]
+    ) -> Closest:
         points = np.asarray(points_mm, dtype=np.float64)
         flat = np.ascontiguousarray(points.reshape(-1, 3))
         found, distance, rows = np.empty_like(flat), np.empty(len(flat)), np.empty(len(flat), dtype=np.int64)
-        closest_of_many(flat, self.corners_mm, self.leaf_start, self.boxes_mm, found, distance, rows)
+        closest_of_many(flat, corners, self.leaf_start, boxes, found, distance, rows)
         shape = points.shape[:-1]
         return Closest(found.reshape(points.shape), distance.reshape(shape), self.face_ids[rows].reshape(shape))
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.bench import BenchRequest, Measurement, cissticp, peer_trials
+from naris.bench import BenchRequest, Measurement, cissticp, deformable, peer_trials
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
     FROZEN,
@@ -82,12 +82,14 @@ class Setting:
 
 
 def measure(request: BenchRequest) -> Measurement:
-    """All figures, or those of a part: trials, the runs of cisstICP, and peers in the place of our solver."""
+    """All figures, or those of a part: trials, the runs of cisstICP, peers in the place of our solver, shapes."""
     figures = of_trials(request) if request.wants("trials") else []
     if request.wants("cissticp"):
         figures += cissticp.figures(request)
     if request.wants("peers"):
         figures += peer_trials.figures(request)
+    if request.wants("deformable"):
+        figures += deformable.figures(request)
     return Measurement(tuple(figures), _inputs(request))
 
 
@@ -262,7 +264,7 @@ def _warm_up(setting: Setting) -> None:
 
 def _inputs(request: BenchRequest) -> dict[str, str]:
     told = {"patients": "built-in noses of drawn parameters, seeds apart from those of the confidence"}
-    for name in (FROZEN, MEAN, cissticp.MESH):
+    for name in (FROZEN, MEAN, cissticp.MESH, f"{deformable.SHOT}/structure.ply"):
         if request.scans is not None and (request.scans / name).is_file():
             told[name] = f"SHA-256 {file_digest(request.scans / name)}"
     return told

@@ -56,6 +56,7 @@ ALLOWED: Mapping[str, Range] = {
     "threads": _AT_A_TIME,
     "count": _COUNT,
     "virtual": Range(1, 100),
+    "modes": _COUNT,
     "per_position": _COUNT,
     "width": _EDGE,
     "height": _EDGE,

@@ -9,22 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from naris.cli.console import Console
-from naris.cli.observed import Seen, check_observation, ground_of, observe
+from naris.cli.observed import check_observation, ground_of, observe
 from naris.cli.options import IfGiven, refuse
+from naris.cli.registered import OWN, looks_of, write_registered
 from naris.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from naris.core.anatomy import Anatomy, RegionSet
     from naris.core.results import Registration
     from naris.register.observation import Observation
     from naris.register.starts import Belief
 
 REFUSED = 1
-RESULT, LANDMARKS = "registration.json", "landmarks.mrk.json"
-TRANSFORM, HDF5 = "anatomy_T_camera.tfm", "anatomy_T_camera.h5"
-VIEW, OVERLAY, FLICKER = "view.png", "overlay.png", "flicker.gif"
 SCHEMA = "naris.registration/1"
 
 
@@ -79,8 +75,15 @@ class Options:
     """The camera looks within this angle of the way inwards, where no pose is known."""
     most_roll_deg: float = 40.0
     """The camera is rolled by at most so much from upright, where no pose is known; 180 for any."""
-    probability: float = 0.8
-    """A pose that is less likely than this to be within 2 mm and 5° is refused."""
+    probability: IfGiven[float] = None
+    """A pose that is less likely than this to be within 2 mm and 5° is refused; 0.8 when not given. Not with
+    --shape-model or --modes."""
+    shape_model: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
+    """A shape model made by naris anatomy shape-model, whose mean (DIR/mean) ANATOMY is: the shape is estimated, too.
+    For a patient without CT."""
+    modes: IfGiven[int] = None
+    """How many modes the shape has at most: of the shape model (all when not given), or without one of a Gaussian
+    process around ANATOMY, as naris anatomy sample draws from; 60 are usual."""
     seed: int = 0
     """Of the starts beside poses that a model believes in."""
     out: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
@@ -96,22 +99,29 @@ def run(options: Options, console: Console) -> int:
 
     _check(options)
     if options.out is not None:
-        check_own(options.out, (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER), "a registration")
+        check_own(options.out, OWN, "a registration")
     seen = observe(options)
     ground = ground_of(options, seen)
     anatomy, regions = open_anatomy(options.anatomy, options.regions)
     belief = _belief(options, anatomy, regions)
+    if options.shape_model is not None or options.modes is not None:
+        from naris.cli.deformable import register_shape
+
+        return register_shape(options, anatomy, seen, (belief, ground), console)
     with console.progress.task("preparing the anatomy", 1) as advance:
         at = registration_map(anatomy)
         advance(1)
     with console.progress.task("registering", 1) as advance:
-        config = RegisterConfig(least_probability=options.probability, seed=options.seed, method=options.method)
+        config = RegisterConfig(seed=options.seed, method=options.method)
+        if options.probability is not None:
+            config = replace(config, least_probability=options.probability)
         found = register(at, seen.observation, belief, config)
         advance(1)
     data = _told(found, anatomy, seen.observation, options.method)
     if options.out is not None:
-        looks = {} if ground is None else _looks(found, anatomy, seen, ground, flickers=options.frame is not None)
-        data["files"] = _write(options.out, found, anatomy, looks, data)
+        pose = found.anatomy_T_camera
+        looks = looks_of(pose, anatomy, seen, ground, flickers=options.frame is not None)
+        data["files"] = write_registered(options.out, pose, anatomy, looks, data)
     console.answer(data, _text(data))
     return 0 if found.status == "registered" else REFUSED
 
@@ -135,6 +145,10 @@ def _check(options: Options) -> None:
         raise InputError("--frame with --model", "none", "give the picture that the model is to look at")
     if options.model is not None:
         refuse(options, ("region",), "without --model", "a model that tells the region")
+    if options.shape_model is not None or options.modes is not None:
+        refuse(options, ("probability",), "only without a shape", "a shape, whose registration has none")
+        if options.method != "naris":
+            raise InputError("--method naris with a shape", f"--method {options.method}", "leave --method out")
 
 
 def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
@@ -194,43 +208,3 @@ def _text(data: dict[str, Any]) -> str:
     lines = [f"registered: camera at {where}, probability {data['probability']:.2f} of 2 mm and 5°{scale}"]
     lines += [f"  kept in {file}" for file in data.get("files", [])]
     return "\n".join(lines)
-
-
-def _looks(
-    found: Registration, anatomy: Anatomy, seen: Seen, ground: np.ndarray, *, flickers: bool
-) -> dict[str, bytes]:
-    """What the registered camera sees, and its walls drawn on what the real one saw; none for a refused pose.
-
-    Of a real picture also both in turn: an eye that sees them blink finds an error that no line shows.
-    """
-    from naris.register.look import blinking, overlay, png, seen_from
-    from naris.render.scene import Scene
-
-    if found.anatomy_T_camera is None or seen.intrinsics is None:
-        return {}
-    rgb, depth = seen_from(Scene(anatomy), found.anatomy_T_camera, seen.intrinsics)
-    looks = {VIEW: png(rgb), OVERLAY: png(overlay(ground, depth))}
-    return looks | {FLICKER: blinking(ground, rgb)} if flickers else looks
-
-
-def _write(
-    folder: Path, found: Registration, anatomy: Anatomy, looks: dict[str, bytes], data: dict[str, Any]
-) -> list[str]:
-    """A refused pose gets no transform: nothing that looks like an answer."""
-    from naris.core.atomic import write_bytes, write_json, write_text
-    from naris.register.files import slicer_landmarks, slicer_transform, write_slicer_hdf5
-
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in (TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER):
-        (folder / name).unlink(missing_ok=True)
-    written = [folder / RESULT, folder / LANDMARKS]
-    write_json(folder / RESULT, data)
-    write_json(folder / LANDMARKS, slicer_landmarks(anatomy, found.anatomy_T_camera))
-    if found.anatomy_T_camera is not None and anatomy.frame == "LPS":
-        write_text(folder / TRANSFORM, slicer_transform(found.anatomy_T_camera))
-        write_slicer_hdf5(found.anatomy_T_camera, folder / HDF5)
-        written += [folder / TRANSFORM, folder / HDF5]
-    for name, content in looks.items():
-        write_bytes(folder / name, content)
-        written.append(folder / name)
-    return [str(file) for file in written]

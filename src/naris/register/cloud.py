@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -47,7 +48,7 @@ class _View:
 def lattice_of(observation: Observation) -> Lattice:
     """A lattice for each view, as fine as its points are sure."""
     edges = [*np.flatnonzero(np.diff(observation.view, prepend=-1)).tolist(), len(observation)]
-    views = [_view(observation, a, b) for a, b in zip(edges, edges[1:], strict=False)]
+    views = [_view(observation, a, b) for a, b in pairwise(edges)]
     begins = np.cumsum([0, *(len(one.directions) for one in views)])
     counts = np.diff(edges)
     window = np.concatenate([one.window for one in views]).astype(np.int64)

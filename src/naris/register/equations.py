@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from naris.render.lanes import LANES, load, store
-from naris.render.packets import Embree, Packet, begin_frame, found, intersect
+from naris.render.packets import Packet, begin_frame, found, intersect
 
 POSE = 6
 MOST_UNKNOWNS = 64

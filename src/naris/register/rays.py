@@ -45,7 +45,7 @@ class Prepared:
     count: int
 
 
-def prepared(at: RegistrationMap, observation: Observation, *, fine: bool) -> Prepared:
+def prepared(at: RegistrationMap, observation: Observation, *, fine: bool, lattice: bool = True) -> Prepared:
     """The rays of an observation and how likely they are.
 
     Args:
@@ -53,14 +53,15 @@ def prepared(at: RegistrationMap, observation: Observation, *, fine: bool) -> Pr
         observation: what was seen.
         fine: estimate the smooth error with the pose, and compare points with all that is seen around them; else the
             smooth error counts as if every ray had its own, and points belong to the wall that their ray meets.
+        lattice: for that, have the rays of a lattice; else those of the points, for others to compare.
     """
     has_field = fine and observation.smooth > 0
     is_cloud = bool(observation.isotropic.mean() > observation.radial.mean())
-    if fine and is_cloud:
-        lattice = lattice_of(observation)
-        ones, view = np.ones(len(lattice.directions)), lattice.view
-        rays = rays_of(lattice.origins, lattice.directions, ones, ones, ones, None, view)
-        return Prepared(rays, _model(at, observation, CLOUD, 0), lattice.cloud, len(observation))
+    if fine and is_cloud and lattice:
+        around = lattice_of(observation)
+        ones = np.ones(len(around.directions))
+        rays = rays_of(around.origins, around.directions, ones, ones, ones, None, around.view)
+        return Prepared(rays, _model(at, observation, CLOUD, 0), around.cloud, len(observation))
     radial = observation.radial if has_field else np.hypot(observation.radial, observation.smooth * observation.ranges)
     field = _fields(observation) if has_field else None
     rays = rays_of(
@@ -175,6 +176,4 @@ def _field_of(directions: bytes, sd: float, reach_deg: float, most: int) -> Smoo
 
 @lru_cache(maxsize=1)
 def _sources() -> np.ndarray:
-    return sources_of(
-        "naris.register.equations", "naris.register.cloud_equations", "naris.register.steps", *OF_PACKETS
-    )
+    return sources_of("naris.register.equations", "naris.register.cloud_equations", "naris.register.steps", *OF_PACKETS)

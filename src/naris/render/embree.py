@@ -37,7 +37,7 @@ _TRIANGLES, _INDEX, _VERTEX, _UINT3, _FLOAT3 = 0, 0, 1, 0x5003, 0x9003
 _VERSION = 0
 _NATIVE_PROPERTY = ((16, 34), (8, 33), (4, 32))
 
-_HIGH_QUALITY = 2
+_LOW_QUALITY, _HIGH_QUALITY = 0, 2
 _FLAG_COHERENT = 1 << 16
 _FEATURE_TRIANGLE = 1 << 1
 
@@ -123,6 +123,10 @@ def _find() -> Path:
 class PacketScene:
     """A surface in Embree, ready for packets.
 
+    Args:
+        vertices_mm, faces: of the surface.
+        brief: it is looked at a few times only: built in a fraction of the time, slower to shoot at.
+
     Attributes:
         address: of the `RTCScene`, while this object lives.
 
@@ -130,7 +134,9 @@ class PacketScene:
         EngineUnavailable: if Embree does not accept the surface.
     """
 
-    def __init__(self, vertices_mm: Float32[np.ndarray, "v 3"], faces: Int32[np.ndarray, "f 3"]) -> None:
+    def __init__(
+        self, vertices_mm: Float32[np.ndarray, "v 3"], faces: Int32[np.ndarray, "f 3"], *, brief: bool = False
+    ) -> None:
         self._library = library()
         rtc, device = self._library.functions, self._library.device
         self.address: int = rtc.rtcNewScene(device)
@@ -140,7 +146,7 @@ class PacketScene:
         rtc.rtcCommitGeometry(geometry)
         rtc.rtcAttachGeometry(self.address, geometry)
         rtc.rtcReleaseGeometry(geometry)
-        rtc.rtcSetSceneBuildQuality(self.address, _HIGH_QUALITY)
+        rtc.rtcSetSceneBuildQuality(self.address, _LOW_QUALITY if brief else _HIGH_QUALITY)
         rtc.rtcCommitScene(self.address)
         error = rtc.rtcGetDeviceError(device)
         if error:

@@ -1,0 +1,141 @@
+"""`naris register` with a shape model or modes: pose and shape of a patient without CT."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING, Any
+
+from naris.cli.registered import LOOSENESS, SHAPE, looks_of, write_registered
+from naris.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from naris.cli.console import Console
+    from naris.cli.observed import Seen
+    from naris.cli.register import Options
+    from naris.core.anatomy import Anatomy
+    from naris.register.deformable.modes import Modes
+    from naris.register.deformable.result import DeformableRegistration
+    from naris.register.starts import Belief
+
+REFUSED = 1
+SCHEMA = "naris.deformable-registration/1"
+
+
+def register_shape(
+    options: Options, anatomy: Anatomy, seen: Seen, more: tuple[Belief, np.ndarray | None], console: Console
+) -> int:
+    """Registers and tells pose and shape; exit status 1 where they are refused.
+
+    Args:
+        options: of the verb.
+        anatomy: the mean.
+        seen: what was seen.
+        more: what is believed of the pose, and the picture that walls are drawn on.
+        console: to answer on.
+    """
+    from naris.register.deformable.register import DeformableConfig, register_deformable
+    from naris.register.map import registration_map
+
+    belief, ground = more
+    with console.progress.task("preparing the anatomy", 1) as advance:
+        modes, at = _modes(options, anatomy), registration_map(anatomy)
+        advance(1)
+    with console.progress.task("registering", 1) as advance:
+        found = register_deformable(at, modes, seen.observation, belief, DeformableConfig(seed=options.seed))
+        advance(1)
+    data = _told(found, anatomy, seen)
+    if options.out is not None:
+        pose = found.anatomy_T_camera
+        looks = looks_of(pose, found.deformed, seen, ground, flickers=options.frame is not None)
+        shown = anatomy if pose is None else found.deformed
+        data["files"] = write_registered(options.out, pose, shown, looks | _shape(found), data)
+        if pose is not None:
+            from naris.anatomy.folder import save_anatomy
+
+            save_anatomy(found.deformed, options.out / SHAPE)
+            data["files"].append(str(options.out / SHAPE))
+    console.answer(data, _text(data))
+    return 0 if found.status == "registered" else REFUSED
+
+
+def _modes(options: Options, anatomy: Anatomy) -> Modes:
+    from naris.anatomy.gaussian_process import GaussianProcess
+    from naris.anatomy.shape_model import MEAN, load_shape_model
+    from naris.register.deformable.modes import MODES, of_gaussian_process, of_shape_model
+
+    if options.shape_model is None:
+        return of_gaussian_process(GaussianProcess.around(anatomy), options.modes or MODES)
+    model = load_shape_model(options.shape_model)
+    if model.mean.digest != anatomy.digest:
+        mean = options.shape_model / MEAN
+        raise InputError(f"the mean of the shape model, {mean}, as ANATOMY", anatomy.name, "give that folder")
+    return of_shape_model(model, options.modes)
+
+
+def _shape(found: DeformableRegistration) -> dict[str, bytes]:
+    """How loose each vertex is; nothing of a shape that was refused."""
+    import numpy as np
+
+    if found.anatomy_T_camera is None:
+        return {}
+    kept = io.BytesIO()
+    np.save(kept, found.vertex_sd_mm.astype(np.float32))
+    return {LOOSENESS: kept.getvalue()}
+
+
+def _told(found: DeformableRegistration, anatomy: Anatomy, seen: Seen) -> dict[str, Any]:
+    import numpy as np
+
+    pose, deformed = found.anatomy_T_camera, found.deformed
+    sd = np.sqrt(np.diag(found.covariance))
+    return {
+        "schema": SCHEMA,
+        "status": found.status,
+        "reason": found.reason,
+        "anatomy": {"name": anatomy.name, "digest": anatomy.digest, "frame": anatomy.frame},
+        "deformed": None if pose is None else {"name": deformed.name, "digest": deformed.digest},
+        "anatomy_T_camera": None if pose is None else pose.matrix.tolist(),
+        "best_guess": found.best.matrix.tolist(),
+        "scale": found.scale,
+        "scale_sd": found.scale_sd,
+        "scale_kind": seen.observation.scale.kind,
+        "weights": found.weights.tolist(),
+        "weight_sd": found.weight_sd.tolist(),
+        "vertex_sd_mm": {"median": float(np.median(found.vertex_sd_mm)), "most": float(found.vertex_sd_mm.max())},
+        "target_sd_mm": _finite(found.target_sd_mm),
+        "turn_sd_deg": _finite(found.turn_sd_deg),
+        "sd_mm": sd[:3].tolist(),
+        "sd_deg": np.rad2deg(sd[3:]).tolist(),
+        "covariance": found.covariance.tolist(),
+        "residuals": {name: _finite(value) for name, value in vars(found.fit).items()},
+        "margin": _finite(found.margin),
+        "iterations": found.iterations,
+        "converged": found.converged,
+        "rays": len(seen.observation),
+        "views": seen.observation.views,
+    }
+
+
+def _finite(value: float) -> float | None:
+    import numpy as np
+
+    return value if np.isfinite(value) else None
+
+
+def _text(data: dict[str, Any]) -> str:
+    x, y, z = (row[3] for row in data["best_guess"][:3])
+    where = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in {data['anatomy']['frame']} of {data['anatomy']['name']}"
+    if data["status"] == "refused":
+        return f"refused: {data['reason']}\n  best guess near {where}, not to be used"
+    known = sum(sd < 0.5 for sd in data["weight_sd"])
+    scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} mm per unit"
+    lines = [
+        f"registered: camera at {where}, deformed{scale}",
+        f"  walls in view known to {data['target_sd_mm']:.1f} mm and {data['turn_sd_deg']:.1f}°, points "
+        f"{data['residuals']['median_mm']:.2f} mm off them; {known} of {len(data['weights'])} modes told by the view",
+        "  these are standard deviations for patients like the model's, not a probability",
+    ]
+    lines += [f"  kept in {file}" for file in data.get("files", [])]
+    return "\n".join(lines)

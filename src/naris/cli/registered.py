@@ -1,0 +1,61 @@
+"""What is kept of a registration: the pose for 3D Slicer, landmarks, and what its camera sees."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from naris.cli.observed import Seen
+    from naris.core.anatomy import Anatomy
+    from naris.core.pose import Pose
+
+RESULT, LANDMARKS = "registration.json", "landmarks.mrk.json"
+TRANSFORM, HDF5 = "anatomy_T_camera.tfm", "anatomy_T_camera.h5"
+VIEW, OVERLAY, FLICKER = "view.png", "overlay.png", "flicker.gif"
+SHAPE, LOOSENESS = "anatomy", "vertex_sd_mm.npy"
+OWN = (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, SHAPE, LOOSENESS)
+
+
+def looks_of(
+    pose: Pose | None, anatomy: Anatomy, seen: Seen, ground: np.ndarray | None, *, flickers: bool
+) -> dict[str, bytes]:
+    """What the registered camera sees, and its walls drawn on what the real one saw; none for a refused pose.
+
+    Of a real picture also both in turn: an eye that sees them blink finds an error that no line shows.
+    """
+    from naris.register.look import blinking, overlay, png, seen_from
+    from naris.render.scene import Scene
+
+    if pose is None or ground is None or seen.intrinsics is None:
+        return {}
+    rgb, depth = seen_from(Scene(anatomy), pose, seen.intrinsics)
+    looks = {VIEW: png(rgb), OVERLAY: png(overlay(ground, depth))}
+    return looks | {FLICKER: blinking(ground, rgb)} if flickers else looks
+
+
+def write_registered(
+    folder: Path, pose: Pose | None, anatomy: Anatomy, looks: dict[str, bytes], data: dict[str, Any]
+) -> list[str]:
+    """Writes them and tells the files. A refused pose gets no transform: nothing that looks like an answer."""
+    from naris.anatomy.folder import remove_anatomy
+    from naris.core.atomic import write_bytes, write_json, write_text
+    from naris.register.files import slicer_landmarks, slicer_transform, write_slicer_hdf5
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in (TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, LOOSENESS):
+        (folder / name).unlink(missing_ok=True)
+    remove_anatomy(folder / SHAPE)
+    written = [folder / RESULT, folder / LANDMARKS]
+    write_json(folder / RESULT, data)
+    write_json(folder / LANDMARKS, slicer_landmarks(anatomy, pose))
+    if pose is not None and anatomy.frame == "LPS":
+        write_text(folder / TRANSFORM, slicer_transform(pose))
+        write_slicer_hdf5(pose, folder / HDF5)
+        written += [folder / TRANSFORM, folder / HDF5]
+    for name, content in looks.items():
+        write_bytes(folder / name, content)
+        written.append(folder / name)
+    return [str(file) for file in written]
