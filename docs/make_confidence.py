@@ -29,7 +29,7 @@ from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, in_region
 
 OUT = Path(__file__).parents[1] / "src" / "naris" / "register" / confidence.FITTED
-SEED, PATIENTS, VIEWS, RIDGE = 3_000_000, 16, 10, 1e-2
+SEED, PATIENTS, VIEWS, RIDGE = 3_000_000, 10, 8, 1e-2
 OTHERS_SHARE = 1 / 3
 
 

@@ -107,6 +107,16 @@ def test_the_nostrils_are_open_and_the_nose_is_closed_elsewhere(nose: Anatomy, n
         assert sampled(nose_ct, across).max() > -100
 
 
+def test_a_nose_that_a_scanner_put_elsewhere_has_the_same_head(nose: Anatomy) -> None:
+    """Scanners begin anywhere: whole steps of the lattice away, the values are the same."""
+    away = np.array([-110.0, -300.0, -530.0])
+    marks = {name: point + away for name, point in nose.landmarks_mm.items()}
+    moved = Anatomy(nose.vertices_mm + away, nose.faces, nose.frame, "moved", "a test", landmarks_mm=marks)
+    here, there = (virtual_ct(one, COARSE) for one in (nose, moved))
+    np.testing.assert_allclose(there.frame_T_index[:3, 3], here.frame_T_index[:3, 3] + away, atol=1e-6)
+    assert np.mean(np.abs(there.hu.astype(float) - here.hu) > 5) < 1e-3
+
+
 def test_metal_is_bright_and_casts_streaks(nose: Anatomy, nose_ct: Volume) -> None:
     clean = virtual_ct(nose, COARSE)
     assert nose_ct.hu.max() > 2500
@@ -115,6 +125,14 @@ def test_metal_is_bright_and_casts_streaks(nose: Anatomy, nose_ct: Volume) -> No
     cut = (nose_ct.hu > 2500).any(axis=(0, 1))
     assert (off[:, :, cut] > 50).mean() > 0.05
     assert off[:, :, -20:].max() == 0
+
+
+@pytest.mark.parametrize("absurd", [
+    {"spacing_mm": (0.05, 0.05, 0.05)}, {"thickness_mm": 1000.0}, {"noise_hu": 1e9}, {"spacing_mm": (90.0, 90.0, 90.0)}
+])  # fmt: skip
+def test_what_no_scanner_does_is_refused(absurd) -> None:
+    with pytest.raises(InputError, match="no scanner"):
+        replace(COARSE, **absurd)
 
 
 def test_what_cannot_be_scanned_is_refused() -> None:

@@ -23,7 +23,7 @@ from naris.anatomy.read import READERS, read_surface
 from naris.anatomy.regions import even_slabs, read_regions, regions_from_json, regions_to_json, whole
 from naris.core.anatomy import Airspace, Anatomy, Between, Enclosed, Entrance, Passage, RegionSet
 from naris.core.atomic import write_bytes, write_json
-from naris.errors import RegionError, SurfaceError
+from naris.errors import ConfigurationChanged, RegionError, SurfaceError
 
 log = logging.getLogger(__name__)
 
@@ -87,6 +87,29 @@ def source_in(folder: Path) -> str | None:
         SurfaceError: if its description cannot be read.
     """
     return str(_read_description(folder).get("source", "")) if (folder / DESCRIPTION).is_file() else None
+
+
+def check_replaces(source: str, folder: Path) -> None:
+    """See that what a folder holds is of the same source: the anatomy of another is not to be lost.
+
+    Raises:
+        ConfigurationChanged: if not.
+    """
+    earlier = source_in(folder)
+    if earlier is not None and earlier != source:
+        expected = f"no anatomy in {folder}, or one from {source}"
+        raise ConfigurationChanged(expected, f"one from {earlier or 'elsewhere'}", "give another folder")
+
+
+def region_sets_in(folder: Path) -> tuple[str, ...]:
+    """The names of the region sets of the anatomy that a folder holds; none where it holds no anatomy.
+
+    Raises:
+        SurfaceError: if its description cannot be read.
+    """
+    if not (folder / DESCRIPTION).is_file():
+        return ()
+    return tuple(str(one.get("name")) for one in _read_description(folder).get("regions", ()) if isinstance(one, dict))
 
 
 def load_anatomy(

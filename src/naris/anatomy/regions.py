@@ -22,6 +22,7 @@ SCHEMA = "naris.regions/1"
 PAPER_BORDERS_MM = (-30.0, -15.0, 0.0)
 PAPER_DEPTHS = (0.13, 0.35, 0.58)
 """Where those borders lie in a nose: shares of the way in, from the nostrils to the choanae."""
+PAPER = "paper"
 PAPER_NAMES = ("slab 1 (anterior)", "slab 2", "slab 3", "slab 4 (posterior)")
 _AROUND_MM = 4.0
 _MOST_VOXELS = 500_000_000
@@ -32,7 +33,7 @@ def paper_slabs(frame: str) -> SlabRegions:
 
     y ≤ −30, −30 < y ≤ −15, −15 < y ≤ 0 and y > 0, in mm, of the camera's position.
     """
-    return SlabRegions("paper", PAPER_NAMES, frame, axis=1, borders_mm=PAPER_BORDERS_MM)
+    return SlabRegions(PAPER, PAPER_NAMES, frame, axis=1, borders_mm=PAPER_BORDERS_MM)
 
 
 PAPER_SLABS = paper_slabs("mean")
@@ -72,7 +73,7 @@ def nasal_slabs(anatomy: Anatomy) -> GridRegions:
     nodes = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), axis=-1) + origin
     borders = np.array(PAPER_DEPTHS) * nasal.depth_mm
     labels = np.searchsorted(borders, nasal.coordinates_mm(nodes)[..., 1], side="left").astype(np.int8)
-    return GridRegions("paper", PAPER_NAMES, anatomy.frame, labels, origin, 1.0)
+    return GridRegions(PAPER, PAPER_NAMES, anatomy.frame, labels, origin, 1.0)
 
 
 def region_of_viewpoints(regions: RegionSet, anatomy_T_camera: Pose) -> Int[np.ndarray, "*batch"]:

@@ -23,6 +23,8 @@ _RAMP_MM = 0.5  # across which a wall goes from air to tissue before any blur
 _BONE_MM = (1.5, 2.6)  # from the wall of the lumen to either face of the plate of bone
 _SKIN_MM = 4.0  # of tissue between the vestibule and the face
 _FACE_MM = 16.0  # the cheeks lie so far behind the tip of the lumen
+_FINEST_MM, _LONGEST_MM, _MOST_NOISE_HU = 0.15, 60.0, 1000.0
+_HEAD_ABOVE_MM = 44.0  # the middle of the head, above the nostrils
 _NOSTRIL_MM, _NOSTRIL_WIDE_MM = 1.0, 4.0  # the nostrils end so far below their landmark
 _HEAD_MM = (72.0, 90.0, 110.0)
 _METAL_MM = 3.0
@@ -59,6 +61,11 @@ class Scanner:
         rest = (self.blur_mm, self.noise_hu, float(self.metal))
         if not (min(lengths) > 0 and min(rest) >= 0 and np.isfinite([*lengths, *rest]).all()):
             raise InputError("spacings, thickness and margin above 0, the rest from 0", f"{self}", "correct them")
+        if max(lengths) > _LONGEST_MM or min(self.spacing_mm) < _FINEST_MM or self.noise_hu > _MOST_NOISE_HU:
+            limits = (
+                f"spacings from {_FINEST_MM:g} mm, lengths up to {_LONGEST_MM:g} mm, noise up to {_MOST_NOISE_HU:g} HU"
+            )
+            raise InputError(limits, f"{self}", "no scanner has others: correct them")
         if not abs(self.tilt_deg) <= 30:
             raise InputError("a gantry tilted by at most 30°", f"{self.tilt_deg:g}°", "correct it")
 
@@ -136,7 +143,7 @@ def _outside_mm(
     x, y, z = block.points_mm()
     front = float(anatomy.bounds_mm[0, 1])
     a, b, c = _HEAD_MM
-    middle = np.array([0.0, front + _FACE_MM + b, 20.0])
+    middle = _head_mm(known) + [0.0, front + _FACE_MM + b, 0.0]
     radius = np.sqrt(((x - middle[0]) / a) ** 2 + ((y - middle[1]) / b) ** 2 + ((z - middle[2]) / c) ** 2)
     cheeks_mm = (radius - 1) * min(_HEAD_MM)
     nose_mm = -lumen_mm - _SKIN_MM
@@ -144,6 +151,12 @@ def _outside_mm(
     below_mm = _nostrils_end_mm(anatomy, known) - z  # positive below the nostrils
     skin_mm = np.minimum(cheeks_mm, np.maximum(nose_mm, below_mm))
     return np.asarray(skin_mm, dtype=np.float32)
+
+
+def _head_mm(nostrils_mm: list[Float[np.ndarray, "3"]]) -> Float[np.ndarray, "3"]:
+    """x and z of the middle of the head, to a whole cm: noses differ by less, scanners put a head anywhere."""
+    nose = np.mean(nostrils_mm, axis=0)
+    return np.round((nose + [0.0, 0.0, _HEAD_ABOVE_MM]) / 10) * [10.0, 0.0, 10.0]
 
 
 def _nostrils_end_mm(anatomy: Anatomy, nostrils_mm: list[Float[np.ndarray, "3"]]) -> float:
@@ -170,9 +183,11 @@ def _metal(anatomy: Anatomy, block: _Block, count: int, rng: np.random.Generator
     """Balls along an arch of teeth below the floor of the lumen."""
     metal = np.zeros(block.values.shape, dtype=bool)
     x, y, z = block.points_mm()
-    low = anatomy.bounds_mm[0]
+    low, middle = anatomy.bounds_mm[0], anatomy.bounds_mm.mean(axis=0)[0]
     for angle in np.deg2rad(rng.uniform(-70, 70, count)):
-        place = np.array([26 * np.sin(angle), low[1] + 55 - 30 * np.cos(angle), low[2] - 0.4 * _METAL_MM])
+        place = np.array(
+            [round(middle, -1) + 26 * np.sin(angle), low[1] + 55 - 30 * np.cos(angle), low[2] - 0.4 * _METAL_MM]
+        )
         metal |= (x - place[0]) ** 2 + (y - place[1]) ** 2 + (z - place[2]) ** 2 < _METAL_MM**2
     return metal
 

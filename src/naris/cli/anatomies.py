@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from naris.anatomy.builtin import NORMAL_RANGES, NoseParameters, built_in_nose
 from naris.anatomy.folder import BUILTIN, DESCRIPTION, SLABS, load_anatomy
 from naris.anatomy.read import READERS
+from naris.cli.anatomy_from_ct import RECORD
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.errors import InputError
 
@@ -42,6 +44,18 @@ def folder_of(what: str) -> Path:
     """Where that lies which is kept beside an anatomy."""
     path = Path(what)
     return path if path.is_dir() else path.parent
+
+
+def findings_in(folder: Path) -> str | None:
+    """What `naris anatomy from-ct` noticed of the anatomy that it kept in a folder; None where it kept none."""
+    record = folder / RECORD
+    if not record.is_file():
+        return None
+    try:
+        found = json.loads(record.read_text(encoding="utf-8"))["found"]["findings"]
+        return "; ".join(f"{one['weight']}: {one['text']}" for one in found)
+    except (ValueError, KeyError, TypeError):
+        return None
 
 
 def is_anatomy(what: str) -> bool:

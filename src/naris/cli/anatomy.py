@@ -40,7 +40,7 @@ class Options:
 def run(options: Options, console: Console) -> int:
     """Reads or makes the anatomy, tells what it is, keeps it if asked."""
     from naris.airway.cut import carry_cut
-    from naris.anatomy.folder import save_anatomy
+    from naris.anatomy.folder import check_replaces, save_anatomy
     from naris.cli.anatomies import folder_of, is_whole_anatomy, open_anatomy, shaped_nose
 
     if is_whole_anatomy(options.anatomy):
@@ -55,6 +55,7 @@ def run(options: Options, console: Console) -> int:
     anatomy = anatomy.with_(regions={regions.name: regions, **others})
     data = _describe(anatomy)
     if options.out is not None:
+        check_replaces(anatomy.source, options.out)
         save_anatomy(anatomy, options.out)
         carry_cut(anatomy.source, folder_of(options.anatomy), options.out)
         draw_page(anatomy, options.out, data)

@@ -55,11 +55,11 @@ def run(options: Options, console: Console) -> int:
         raise InputError("--step-mm between 0.2 and 1.0", f"{options.step_mm:g}", "use 0.5")
     check_folder(options.out)
     scan = read_scan(options.scan, options.series, console.progress)
-    _check_same(scan, options.out)
     settings = _settings(scan, options)
     if (earlier := _earlier(settings, options.out)) is not None:
         console.answer(earlier, f"{_text(earlier)}\nit was there already, of these settings; nothing was done")
         return 0
+    _check_same(scan, options.out)
     with console.progress.task("anatomy", 3) as advance:
         try:
             airway = airway_in(scan.volume, [options.step_mm])
@@ -100,13 +100,18 @@ def _keep(made: ScannedAnatomy, airway: Airway, record: dict[str, Any], folder: 
 
 def _check_same(scan: Scan, out: Path) -> None:
     """See that an anatomy in the folder is of this scan: that of another is not to be lost."""
-    from naris.anatomy.folder import source_in
+    from naris.anatomy.folder import region_sets_in, source_in
+    from naris.anatomy.regions import PAPER
     from naris.errors import ConfigurationChanged
 
     earlier = source_in(out)
     if earlier is not None and _values(scan) not in earlier:
         expected = f"no anatomy in {out}, or one of this scan ({_values(scan)})"
         raise ConfigurationChanged(expected, f"one from {earlier or 'elsewhere'}", "give another folder")
+    if carried := [name for name in region_sets_in(out) if name != PAPER]:
+        raise ConfigurationChanged(
+            f"an anatomy without carried regions in {out}", f"one with {', '.join(carried)}", "give another folder"
+        )
 
 
 def _no_airway(reason: str, findings: tuple[Finding, ...], out: Path, console: Console) -> int:

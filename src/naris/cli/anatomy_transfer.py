@@ -41,9 +41,9 @@ def run(options: Options, console: Console) -> int:
     """Lays the references on the anatomy and keeps it with its regions; exit status 1 where these are not sure."""
     from naris.airway.cut import carry_cut
     from naris.anatomy.correspondence import check_laid
-    from naris.anatomy.folder import check_folder, save_anatomy
+    from naris.anatomy.folder import check_folder, check_replaces, save_anatomy
     from naris.anatomy.transfer import transfer_regions, virtual_references
-    from naris.cli.anatomies import folder_of, open_anatomy
+    from naris.cli.anatomies import findings_in, folder_of, open_anatomy
 
     if options.reference:
         refuse(options, ("virtual",), "without --reference", _references(len(options.reference)))
@@ -51,6 +51,7 @@ def run(options: Options, console: Console) -> int:
         refuse(options, ("regions",), "only with --reference", "virtual noses, which have anatomical regions")
     check_folder(options.out)
     target, _ = open_anatomy(options.anatomy)
+    check_replaces(target.source, options.out)
     check_laid(target)
     if options.reference:
         references = [open_anatomy(one, options.regions)[0] for one in options.reference]
@@ -70,7 +71,7 @@ def run(options: Options, console: Console) -> int:
     made = target.with_(regions={found.regions.name: found.regions, **others})
     save_anatomy(made, options.out)
     carry_cut(made.source, folder_of(options.anatomy), options.out)
-    _write_picture(made, data, options.out)
+    _write_picture(made, data, options.out, findings_in(folder_of(options.anatomy)))
     data |= {"folder": options.out, "picture": options.out / PICTURE}
     console.answer(data, f"{_text(data)}\nkept in {options.out}, picture in {options.out / PICTURE}")
     return 0
@@ -126,7 +127,7 @@ def _references(count: int) -> str:
     return "1 reference" if count == 1 else f"{count} references"
 
 
-def _write_picture(made: Anatomy, data: dict[str, Any], folder: Path) -> None:
+def _write_picture(made: Anatomy, data: dict[str, Any], folder: Path, known: str | None) -> None:
     from naris.airway.cut import read_cut
     from naris.core.atomic import write_text
     from naris.report.anatomy_page import anatomy_page
@@ -137,5 +138,5 @@ def _write_picture(made: Anatomy, data: dict[str, Any], folder: Path) -> None:
         "from": made.source,
         "regions": f"{data['region_set']}, carried from {noses}, expected to be right for"
         f" {100 * data['likely']:.0f} % of the lumen",
-    }
+    } | ({} if known is None else {"to know": known})
     write_text(folder / PICTURE, anatomy_page(made, data["region_set"], facts, read_cut(folder, made.source)))
