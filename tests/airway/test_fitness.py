@@ -9,7 +9,6 @@ import pytest
 
 from naris.airway.fitness import METAL_HU, Fitness, inspect_scan
 from naris.core.volume import Volume
-from naris.ct.read import read_scan
 from naris.ct.scan import Scan
 from tests import simulated_head
 
@@ -55,14 +54,14 @@ def test_metal_in_the_nose_is_a_warning(scan: Scan) -> None:
 
 
 def test_a_real_head_with_an_open_mouth_fillings_and_coarse_slices(shared_data) -> None:
-    found = inspect_scan(read_scan(shared_data / "ct-head/ct_head.nii.gz"))
+    found = simulated_head.looked_at(shared_data / "ct-head/ct_head.nii.gz")
     assert found.usable
     assert {"open mouth", "metal", "coarse slices"} <= codes(found)
     assert found.mouth_ml > 2
 
 
 def test_a_real_sinus_scan_with_a_closed_mouth(shared_data) -> None:
-    found = inspect_scan(read_scan(shared_data / "nasalseg-p001/P001_img.nrrd"))
+    found = simulated_head.looked_at(shared_data / "nasalseg-p001/P001_img.nrrd")
     assert found.usable
     assert not codes(found) & {"coarse slices", "open mouth"}
     assert found.reach_mm["behind"] > 70

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from naris.airway.fitness import inspect_scan
-from naris.airway.segment import segment_airway
+from naris.airway.segment import Airway, segment_airway
 from naris.core.volume import Volume
 from naris.ct.read import read_scan
 from naris.ct.scan import Scan
@@ -28,11 +28,15 @@ def begun(volume: Volume, further_mm: float) -> Volume:
 
 
 def warned(volume: Volume) -> bool:
-    return "clipped nose" in {one.code for one in segment_airway(volume, COARSE_MM).findings}
+    return told(segment_airway(volume, COARSE_MM))
+
+
+def told(airway: Airway) -> bool:
+    return "clipped nose" in {one.code for one in airway.findings}
 
 
 def test_a_scan_that_begins_in_front_of_the_nose_is_whole() -> None:
-    assert not warned(simulated_head.scan())
+    assert not told(simulated_head.coarse_airway())
     assert not warned(begun(simulated_head.scan(), 8.0))
 
 
@@ -62,7 +66,7 @@ def test_a_real_scan_without_its_front_is_refused(shared_data: Path, slices: int
 def test_real_scans_as_they_are_will_do(shared_data: Path) -> None:
     """One that begins in the tip of the nose, and one with the room in front of it."""
     clipped, whole = (
-        inspect_scan(read_scan(shared_data / name))
+        simulated_head.looked_at(shared_data / name)
         for name in ("nasalseg-p001/P001_img.nrrd", "ct-head/ct_head.nii.gz")
     )
     assert clipped.usable and whole.usable

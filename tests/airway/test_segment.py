@@ -43,6 +43,11 @@ def airway() -> Airway:
     return simulated_head.airway()
 
 
+@pytest.fixture
+def coarse() -> Airway:
+    return simulated_head.coarse_airway()
+
+
 def dice(one: np.ndarray, other: np.ndarray) -> float:
     return 2 * float((one & other).sum()) / float(one.sum() + other.sum())
 
@@ -77,21 +82,21 @@ def test_landmarks_lie_where_they_were_made(nose: Anatomy, airway: Airway) -> No
     assert np.linalg.norm(airway.landmarks_mm["anterior tip"][1] - nose.bounds_mm[0, 1]) < 3
 
 
-def test_a_stored_order_of_voxels_changes_nothing(scan: Volume, airway: Airway) -> None:
+def test_a_stored_order_of_voxels_changes_nothing(scan: Volume, coarse: Airway) -> None:
     """The same scan with its axes permuted and reversed, and its matrix with them."""
     matrix = scan.frame_T_index.copy()
     matrix[:3, 3] += matrix[:3, 0] * (scan.shape[0] - 1)
     matrix[:3, 0] *= -1
     turned = Volume(np.ascontiguousarray(scan.hu[::-1].transpose(2, 0, 1)), matrix[:, [2, 0, 1, 3]])
-    assert (segment_airway(turned).labels != airway.labels).mean() < 1e-4
+    assert (segment_airway(turned, COARSE_MM).labels != coarse.labels).mean() < 1e-4
 
 
-def test_a_mirrored_head_has_its_sides_changed(scan: Volume, airway: Airway) -> None:
+def test_a_mirrored_head_has_its_sides_changed(scan: Volume, coarse: Airway) -> None:
     mirror = np.diag([-1.0, 1, 1, 1])
     matrix = mirror @ scan.frame_T_index
-    mirrored = segment_airway(Volume(scan.hu, matrix))
+    mirrored = segment_airway(Volume(scan.hu, matrix), COARSE_MM)
     for one, other in ((LEFT, RIGHT), (RIGHT, LEFT), (NASOPHARYNX, NASOPHARYNX)):
-        assert mirrored.volume_ml(one) == pytest.approx(airway.volume_ml(other), rel=0.03)
+        assert mirrored.volume_ml(one) == pytest.approx(coarse.volume_ml(other), rel=0.03)
 
 
 @pytest.mark.parametrize(("axis", "degrees"), [(0, 12.0), (0, -12.0), (2, 8.0), (1, 10.0)])

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.crossings import crossings
 from naris.anatomy.shape_model import (
     DESCRIPTION,
@@ -22,6 +21,7 @@ from naris.anatomy.shape_model import (
 from naris.anatomy.transfer import virtual_references
 from naris.core.anatomy import Anatomy
 from naris.errors import InputError
+from tests import simulated_head
 from tests.anatomy.test_correspondence import marked_tube, moved
 from tests.winding_tube import RADIUS_MM
 
@@ -60,7 +60,7 @@ def test_patients_are_of_the_family_and_the_same_again(model: ShapeModel) -> Non
 
 @pytest.mark.slow
 def test_some_noses_drawn_do_not_cross_themselves() -> None:
-    model = build_shape_model(built_in_nose(), list(virtual_references(3)))
+    model = build_shape_model(simulated_head.nose(), list(virtual_references(3)))
     for number in range(3):
         nose = model.patient(0, number)
         assert len(crossings(nose.vertices_mm, nose.faces)) == 0

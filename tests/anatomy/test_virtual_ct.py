@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.virtual_ct import Scanner, virtual_ct
 from naris.core.anatomy import Anatomy
 from naris.core.volume import Volume
@@ -27,7 +26,7 @@ HALF_HU = (-1000 + 40) / 2
 
 @pytest.fixture(scope="module")
 def nose() -> Anatomy:
-    return built_in_nose()
+    return simulated_head.nose()
 
 
 @pytest.fixture(scope="module")

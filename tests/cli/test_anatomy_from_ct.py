@@ -10,19 +10,19 @@ import nrrd
 import numpy as np
 import pytest
 
-from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.anatomy.virtual_ct import Scanner, virtual_ct
 from naris.cli import main
 from naris.core.volume import Volume
 from naris.ct.write import write_dicom, write_nrrd
+from tests import simulated_head
 from tests.anatomy.shapes import sphere
 
 
 @pytest.mark.slow
 def test_a_series_becomes_an_anatomy_that_other_verbs_open(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     series, out = tmp_path / "JOHN_DOE", tmp_path / "nose"
-    write_dicom(virtual_ct(built_in_nose(), Scanner(spacing_mm=(0.6, 0.6, 1.0), tilt_deg=9)), series, "a nose")
+    write_dicom(virtual_ct(simulated_head.nose(), Scanner(spacing_mm=(0.6, 0.6, 1.0), tilt_deg=9)), series, "a nose")
     assert main(["anatomy", "from-ct", str(series), "-o", str(out), "--step-mm", "0.8", "--json", "--quiet"]) == 0
     told = json.loads(capfd.readouterr().out)
     anatomy = load_anatomy(out)
@@ -53,7 +53,7 @@ def test_a_series_becomes_an_anatomy_that_other_verbs_open(tmp_path: Path, capfd
 
 def _regions_are_added_on_the_scan(nose: Path, out: Path) -> None:
     """The picture with the regions of another nose shows the scan as well, here and in what is made of that."""
-    save_anatomy(built_in_nose(), out.with_name("reference"))
+    save_anatomy(simulated_head.nose(), out.with_name("reference"))
     reference = ["--reference", str(out.with_name("reference"))]
     assert main(["anatomy", "transfer", str(nose), "-o", str(out), *reference, "--quiet"]) == 0
     assert "on the scan" in (out / "anatomy.html").read_text(encoding="utf-8")

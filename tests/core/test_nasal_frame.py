@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from naris.anatomy.builtin import built_in_nose
 from naris.core.nasal_frame import NasalFrame
 from naris.errors import InputError
+from tests import simulated_head
 
 MARKS = {
     "left.nostril": np.array([7.0, -38.0, -25.0]),
@@ -46,7 +46,7 @@ def test_axes_are_those_of_the_patient_and_right_handed() -> None:
 
 
 def test_the_axes_of_the_built_in_nose_are_its_own() -> None:
-    frame = NasalFrame.of(built_in_nose(passages=False).landmarks_mm)
+    frame = NasalFrame.of(simulated_head.bare_nose().landmarks_mm)
     apart = np.rad2deg(np.arccos(np.clip(np.diag(frame.axes), -1, 1)))
     assert apart.max() < 3
 

@@ -61,7 +61,7 @@ def from_the_bank(stream: ViewStream, rng: np.random.Generator) -> Viewpoints:
 
 
 def steered(stream: ViewStream, rng: np.random.Generator) -> Viewpoints:
-    return Pilot.in_(stream.scene, stream.regions, 1).glimpses(1200, rng, stream.avoid)
+    return Pilot.in_(stream.scene, stream.regions, 1).glimpses(600, rng, stream.avoid)
 
 
 @pytest.mark.parametrize("many", [from_the_bank, steered])

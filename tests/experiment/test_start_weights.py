@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from naris.anatomy.builtin import built_in_nose
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Intrinsics
 from naris.core.provenance import file_digest, plain
@@ -32,6 +31,7 @@ from naris.render.appearance import TRAINING_APPEARANCE
 from naris.render.scene import Scene
 from naris.render.viewpoints import TRAVEL
 from naris.train import COMPACT_DEMO
+from tests import simulated_head
 from tests.winding_tube import SLABS, winding_tube
 
 CARD = Path(__file__).parents[2] / "docs" / "start_weights.md"
@@ -90,4 +90,4 @@ def test_the_noses_differ_from_the_built_in_one(nose: Anatomy) -> None:
 
 @pytest.fixture(scope="module")
 def nose() -> Anatomy:
-    return built_in_nose()
+    return simulated_head.nose()

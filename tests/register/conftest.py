@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from naris.anatomy.builtin import built_in_nose
 from naris.bench.trials import drawn_trials
 from naris.register.map import registration_map
+from tests import simulated_head
 
 
 @pytest.fixture(scope="session")
 def nose():
-    return built_in_nose(passages=False)
+    return simulated_head.bare_nose()
 
 
 @pytest.fixture(scope="session")

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
-from scipy.ndimage import distance_transform_edt, label, maximum
+from scipy.ndimage import label, maximum
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from skimage.morphology import h_maxima
 from skimage.segmentation import watershed
 
 from naris.airway.block import TOUCHING
+from naris.airway.near import box_of, deep_mm
 
 _DEPTH_MM = 0.4  # of a basin, in radius, to be one of its own
 _LEVELS = 8  # a mm, of the distances that maxima are sought in
@@ -55,16 +56,19 @@ class Basins:
 
 def wall_mm(air: Bool[np.ndarray, "nx ny nz"], step_mm: float) -> Float32[np.ndarray, "nx ny nz"]:
     """The distance of each node of air to the nearest node that is none."""
-    return np.asarray(distance_transform_edt(air) * step_mm, dtype=np.float32)
+    return np.asarray(deep_mm(air, step_mm), dtype=np.float32)
 
 
 def basins_of(air: Bool[np.ndarray, "nx ny nz"], room_mm: Float32[np.ndarray, "nx ny nz"], step_mm: float) -> Basins:
     """Cut air at its narrow places."""
-    levels = np.minimum(np.round(room_mm * _LEVELS), 255).astype(np.uint8)
+    box = box_of(air, 1)
+    within_mm = room_mm[box]
+    levels = np.minimum(np.round(within_mm * _LEVELS), 255).astype(np.uint8)
     peaks, count = label(h_maxima(levels, round(_DEPTH_MM * _LEVELS)), TOUCHING)
-    part = np.asarray(watershed(-room_mm, peaks, connectivity=TOUCHING, mask=air), dtype=np.int32)
-    widest = np.asarray(maximum(room_mm, part, np.arange(count + 1)), dtype=np.float64)
-    pairs, necks, faces = _borders(part, room_mm, count)
+    part = np.zeros(air.shape, dtype=np.int32)
+    part[box] = watershed(-within_mm, peaks, connectivity=TOUCHING, mask=air[box])
+    widest = np.asarray(maximum(within_mm, part[box], np.arange(count + 1)), dtype=np.float64)
+    pairs, necks, faces = _borders(part[box], within_mm, count)
     size = np.bincount(part.ravel(), minlength=count + 1)
     return Basins(part, widest, pairs, necks, faces * step_mm**2, size)
 

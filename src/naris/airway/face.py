@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import binary_dilation, distance_transform_edt, label, percentile_filter
+from scipy.ndimage import binary_dilation, label, percentile_filter
 
 from naris.airway.block import BEYOND, TOUCHING, WITHIN, Block, block_of, sides_of
+from naris.airway.near import deep_mm, within_mm
 from naris.core.volume import Volume
 from naris.errors import ScanError
 
@@ -70,11 +71,10 @@ def room_air(block: Block) -> Bool[np.ndarray, "nx ny nz"]:
     """The air that a ball of 6 mm reaches from in front of the block (low y), and the corners next to it."""
     pad = int(_BALL_MM / block.step_mm) + 2
     air = np.pad(block.hu < AIR_HU, ((0, 0), (pad, 0), (0, 0)), constant_values=True)
-    fits = distance_transform_edt(air) * block.step_mm > _BALL_MM
+    fits = deep_mm(air, block.step_mm) > _BALL_MM
     fits[:, :pad] = True
     parts, _ = label(fits)
-    ball = parts == parts[0, 0, 0]
-    reached = distance_transform_edt(~ball) * block.step_mm <= _BALL_MM + _CORNER_MM
+    reached = within_mm(parts == parts[0, 0, 0], _BALL_MM + _CORNER_MM, block.step_mm)
     return np.asarray((reached & air)[:, pad:])
 
 

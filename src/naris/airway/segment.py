@@ -21,6 +21,7 @@ from naris.airway.block import TOUCHING, Block, block_of
 from naris.airway.boundary import air_level
 from naris.airway.face import AIR_HU, Opening, nose_tip_mm, nostril_mm, nostrils, room_air
 from naris.airway.front import check_front, front_of
+from naris.airway.near import box_of
 from naris.airway.plausible import check_plausible
 from naris.airway.septum import given_back, mirrored_parts, septum_of
 from naris.airway.sinuses import SINUSES, Extent, named
@@ -245,10 +246,13 @@ def _grown(
     step_mm: float,
 ) -> UInt8[np.ndarray, "nx ny nz"]:
     """The labels out to the boundary: all air within a millimetre, each node as the nearest labelled one."""
-    known = (labels > 0) | room
+    box = box_of(labels > 0, 2 * (int(_GROWN_MM / step_mm) + 1))
+    there = labels[box]
+    known = (there > 0) | room[box]
     far, nearest = distance_transform_edt(~known, sampling=step_mm, return_indices=True)
-    grown = np.where((level > 0) & (far <= _GROWN_MM), labels[tuple(nearest)], 0)
-    return np.asarray(grown, dtype=np.uint8)
+    grown = np.zeros_like(labels)
+    grown[box] = np.where((level[box] > 0) & (far <= _GROWN_MM), there[tuple(nearest)], 0)
+    return grown
 
 
 def _landmarks(

@@ -16,6 +16,7 @@ from scipy.sparse.linalg import spsolve
 
 from naris.airway.basins import Basins
 from naris.airway.block import TOUCHING
+from naris.airway.near import deep_mm, within_mm
 
 _MOST_MM = 10.0  # a septum is thick, with its columella and spurs
 _CELL_MM = 1.0  # of the lattice that its surface is sought on
@@ -185,8 +186,8 @@ def mirrored_parts(
     size = len(basins.room_mm)
     nodes, hits = (np.bincount(basins.part[mask], minlength=size) for mask in (doubtful, doubtful & alike))
     slits = (hits >= _MIRRORED * np.maximum(nodes, 1)) & (basins.room_mm <= 2 * _SLIT_MM)
-    roomy = doubtful & ~slits[basins.part] & (distance_transform_edt(doubtful) * septum.step_mm > _SLIT_MM)
-    sinus = distance_transform_edt(~roomy) * septum.step_mm <= _SLIT_MM if roomy.any() else roomy
+    roomy = doubtful & ~slits[basins.part] & (deep_mm(doubtful, septum.step_mm) > _SLIT_MM)
+    sinus = within_mm(roomy, _SLIT_MM, septum.step_mm)
     found = doubtful & (slits[basins.part] | (alike & ~sinus))
     out = labels.copy()
     for number in (1, 2):
@@ -208,6 +209,6 @@ def _alike(
     side = np.where(at < septum.index, 1, 2).astype(np.uint8)
     alike = np.zeros(labels.shape, dtype=bool)
     for number in (1, 2):
-        near = distance_transform_edt(labels != 3 - number) * septum.step_mm <= _MIRRORED_MM
+        near = within_mm(labels == 3 - number, _MIRRORED_MM, septum.step_mm)
         alike |= (side == number) & within & np.take_along_axis(near, np.clip(image, 0, len(labels) - 1), axis=0)
     return side, alike

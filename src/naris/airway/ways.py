@@ -10,6 +10,7 @@ from skimage.segmentation import watershed
 
 from naris.airway.block import Block
 from naris.airway.face import Opening
+from naris.airway.near import box_of
 
 _PHARYNX_BEHIND_MM, _PHARYNX_BESIDE_MM = 45.0, 25.0  # of the tip of the nose
 _NARROW_MM = 0.25
@@ -37,14 +38,16 @@ def ways_in(
     A step costs its length over the square of the distance to the wall, so that a long wide way beats a short narrow
     one (as the passages of `naris.anatomy.passages`).
     """
-    cost = np.where(room_mm > 0, 1 / np.maximum(room_mm, _NARROW_MM) ** 2, np.inf)
-    search = MCP_Geometric(cost)
-    reached, _ = search.find_costs(goals.tolist())
+    box = box_of(room_mm > 0)
+    first, there = np.array([one.start for one in box]), room_mm[box]
+    search = MCP_Geometric(np.where(there > 0, 1 / np.maximum(there, _NARROW_MM) ** 2, np.inf))
+    reached, _ = search.find_costs((goals - first).tolist())
     ways = []
     for opening in openings:
-        spent = reached[tuple(opening.nodes.T)]
+        nodes = opening.nodes - first
+        spent = reached[tuple(nodes.T)]
         if np.isfinite(spent.min()):
-            ways.append(np.array(search.traceback(tuple(opening.nodes[int(spent.argmin())].tolist()))))
+            ways.append(np.array(search.traceback(tuple(nodes[int(spent.argmin())].tolist()))) + first)
     return ways
 
 

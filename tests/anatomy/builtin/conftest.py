@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from naris.anatomy.builtin import built_in_nose
 from naris.core.anatomy import Anatomy
+from tests import simulated_head
 
 
 @pytest.fixture(scope="session")
 def nose() -> Anatomy:
-    return built_in_nose()
+    return simulated_head.nose()
