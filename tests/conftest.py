@@ -37,7 +37,7 @@ import_hook.install_import_hook("naris", TYPECHECKER)
 hypothesis.settings.register_profile("naris", deadline=None, derandomize="CI" in os.environ)
 hypothesis.settings.load_profile("naris")
 
-# The processes of a run share the cores; where each takes all of them, they wait for each other (set before torch loads).
+# The processes of a run share the cores: where each takes all, they wait for each other (set before torch loads).
 if "PYTEST_XDIST_WORKER_COUNT" in os.environ:
     cores = len(os.sched_getaffinity(0)) // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
     os.environ.setdefault("OMP_NUM_THREADS", str(max(cores, 1)))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from naris.anatomy.folder import load_anatomy, save_anatomy
-from naris.__main__ import main
+from naris.cli import main
 from tests.anatomy.shapes import tube
 
 
