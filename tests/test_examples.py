@@ -20,7 +20,10 @@ def test_none_is_left_out() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WRITTEN)
-def test_example(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_example(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("naris.train.fit._KEPT_PICTURES", 64)  # to calibrate with, after two seconds of training
     arguments, written = WRITTEN[name]
     main = runpy.run_path(str(EXAMPLES / f"{name}.py"))["main"]
     main(tmp_path, *arguments)

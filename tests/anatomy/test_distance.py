@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from naris.anatomy.builtin import built_in_nose
-from naris.anatomy.distance import signed_distance
+from naris.anatomy.distance import SPACING_MM, lumen_distance, signed_distance
 from naris.anatomy.triangles import index_triangles
 from naris.core.anatomy import Anatomy, Between, Entrance
 from naris.errors import InputError
@@ -254,6 +254,21 @@ def test_far_tissue_may_be_left_out_and_nothing_else_changes() -> None:
     assert 0.3 < exact.mean() < 0.8
     assert (near.values_mm[exact] == whole.values_mm[exact]).all()
     assert (whole.values_mm[~exact] <= -3.0).all()
+
+
+@pytest.mark.parametrize("deep_mm", [0.0, 2.0])
+def test_what_asks_in_the_lumen_or_near_it_is_told_the_same(deep_mm: float) -> None:
+    """Values and gradients to the last bit, of a ring that no other test asks for."""
+    ring = torus(20.5 + 0.25 * deep_mm)
+    near, whole = lumen_distance(ring, deep_mm), signed_distance(ring, SPACING_MM)
+    assert (near.values_mm != whole.values_mm).mean() > 0.05
+    points = points_around(ring, np.random.default_rng(0))
+    asked = points[whole(points) > -deep_mm]
+    assert len(asked) > 200
+    np.testing.assert_array_equal(near(asked), whole(asked))
+    np.testing.assert_array_equal(near.gradient(asked), whole.gradient(asked))
+    assert ((near(points) > -deep_mm) == (whole(points) > -deep_mm)).all()
+    assert lumen_distance(ring, deep_mm) is whole  # once it is there
 
 
 @pytest.mark.parametrize("between", [False, True])

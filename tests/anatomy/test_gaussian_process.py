@@ -9,7 +9,7 @@ import pytest
 
 from naris.anatomy.checks import check_surface
 from naris.anatomy.crossings import crossings, uncrossed
-from naris.anatomy.distance import signed_distance
+from naris.anatomy.distance import lumen_distance, signed_distance
 from naris.anatomy.gaussian_process import Deformation, GaussianProcess
 from naris.anatomy.nasal_cycle import NasalCycle
 from naris.anatomy.triangles import index_triangles
@@ -112,7 +112,7 @@ def test_a_patient_is_whole_and_comes_of_seed_and_number_alone(nose: Anatomy) ->
     assert one.digest == GaussianProcess.around(nose).patient(5, 2).digest != process.patient(5, 3).digest
     assert 0.3 < np.linalg.norm(one.vertices_mm - nose.vertices_mm, axis=1).mean() < 3
     assert [passage.name for passage in one.passages] == [passage.name for passage in nose.passages]
-    distance = signed_distance(one)
+    distance = lumen_distance(one)
     assert all((distance(passage.points_mm) > 0).all() for passage in one.passages)
     for name, regions in nose.regions.items():
         assert one.regions[name].names == regions.names
@@ -126,7 +126,7 @@ def test_the_nasal_cycle_swells_one_side_and_shrinks_the_other(nose: Anatomy) ->
     """Air of the left against air of the right: their ratio follows the cycle, and with none of it hardly moves."""
 
     def left_share(anatomy: Anatomy) -> float:
-        distance = signed_distance(anatomy, 1.0)
+        distance = signed_distance(anatomy, 1.0, tissue_to_mm=2.0)
         nodes = distance.origin_mm + distance.spacing_mm * np.argwhere(distance.values_mm > 0)
         middle = np.mean([anatomy.landmarks_mm[f"{side}.choana"][0] for side in ("left", "right")])
         return float((nodes[:, 0] > middle).mean())

@@ -26,6 +26,12 @@ NOSE = cache(built_in_nose)
 TINY = DemoConfig(train_positions=12, test_positions=4, per_position=2, epochs=1, budget_s=1.0, located=2)
 
 
+@pytest.fixture
+def few_to_calibrate_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As few pictures as may be: a network that learned for a second says nothing that is worth more."""
+    monkeypatch.setattr("naris.train.fit._KEPT_PICTURES", 64)
+
+
 def test_a_folder_of_somebody_else_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "report.html").write_text("mine")
     assert main(["demo", "-o", str(tmp_path)]) == 2
@@ -58,6 +64,7 @@ def test_an_interrupted_benchmark_promises_what_it_keeps(name: str, work: Path |
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_to_calibrate_with")
 def test_a_demo_ends_with_its_files_and_a_second_tells_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -121,6 +128,7 @@ def test_reproduce_ends_with_its_files(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_to_calibrate_with")
 def test_the_demo_benchmark_measures_its_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,6 +15,7 @@ from naris.core.kept import Kept
 from naris.errors import InputError
 
 SPACING_MM = 0.5
+_AROUND_MM = 3 * SPACING_MM  # from a point to the nodes that it and its gradient are told by, at most
 _MARGIN_NODES = 2
 _MOST_NODES = 200_000_000
 _kept: Kept[SignedDistance] = Kept(4)
@@ -121,6 +122,12 @@ def signed_distance(
     """
     key = (anatomy.digest, float(spacing_mm), float(tissue_to_mm))
     return _kept.get(key, lambda: _compute(anatomy, float(spacing_mm), float(tissue_to_mm)))
+
+
+def lumen_distance(anatomy: Anatomy, deep_mm: float = 0.0) -> SignedDistance:
+    """The signed distance for what asks in the lumen and so deep in tissue alone: the whole one where that is kept."""
+    whole = (anatomy.digest, SPACING_MM, np.inf) in _kept or isinstance(anatomy.airspace, Between)
+    return signed_distance(anatomy, tissue_to_mm=np.inf if whole else deep_mm + _AROUND_MM)
 
 
 def _compute(anatomy: Anatomy, spacing_mm: float, tissue_to_mm: float) -> SignedDistance:

@@ -172,8 +172,9 @@ def _furthest(graph: LumenGraph, nodes: Int[np.ndarray, "m"], allowed: Bool[np.n
 
 def _uncovered_tip(graph: LumenGraph, covered: Int[np.ndarray, "m"]) -> int | None:
     """The roomy place furthest from the ways so far, unless all are near."""
-    tip = _furthest(graph, covered, graph.clearance_mm >= _ROOMY_MM)
-    return tip if graph.distance_to(covered)[tip] > _COVERED_MM else None
+    off_mm = graph.distance_to(covered)
+    tip = int(np.argmax(np.where(graph.clearance_mm >= _ROOMY_MM, off_mm, -1.0)))
+    return tip if off_mm[tip] > _COVERED_MM else None
 
 
 def _way_through(graph: LumenGraph, inwards: Tree, tip: int, outwards: Tree) -> Int[np.ndarray, "m"]:

@@ -11,6 +11,7 @@ from naris.airway.segment import NASOPHARYNX, NOSE, Airway
 from naris.airway.septum import Seam, seam_of
 from naris.anatomy.checks import check_surface, faces_of_piece, pieces_of
 from naris.anatomy.crossings import uncrossed
+from naris.anatomy.distance import lumen_distance
 from naris.anatomy.level_set import only_lumen, surface, taubin
 from naris.anatomy.passages import find_passages
 from naris.anatomy.regions import nasal_slabs
@@ -79,7 +80,8 @@ def anatomy_of_airway(airway: Airway, name: str, source: str, *, attached: bool 
     except InputError as error:
         raise ScanError("nostrils and choanae that tell how the nose lies", "others", "segment it by hand") from error
     bare = bare.with_(regions={slabs.name: slabs})
-    return ScannedAnatomy(bare.with_(passages=find_passages(bare)), report.genus, moved_mm, tuple(findings))
+    passages = find_passages(bare, lumen_distance(bare))
+    return ScannedAnatomy(bare.with_(passages=passages), report.genus, moved_mm, tuple(findings))
 
 
 def _about(seam: Seam) -> list[Finding]:

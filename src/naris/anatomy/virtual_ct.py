@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int16
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from naris.anatomy.distance import signed_distance
+from naris.anatomy.distance import lumen_distance
 from naris.core.anatomy import Anatomy, Enclosed
 from naris.core.volume import LPS, Volume
 from naris.errors import InputError
@@ -122,8 +122,8 @@ def _block(anatomy: Anatomy, scanner: Scanner) -> _Block:
 
 
 def _lumen_mm(anatomy: Anatomy, block: _Block) -> Float32[np.ndarray, "nx ny nz"]:
-    """Signed distance to the wall at the nodes, positive in the lumen."""
-    distance = signed_distance(anatomy)
+    """Signed distance to the wall at the nodes, positive in the lumen; true to the skin, beyond which all is room."""
+    distance = lumen_distance(anatomy, _SKIN_MM + _RAMP_MM)
     x, y, z = block.points_mm()
     out = np.empty_like(block.values)
     for i, plane in enumerate(out):

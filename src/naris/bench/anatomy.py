@@ -24,10 +24,11 @@ from jaxtyping import Bool, Float, UInt8
 from naris.airway.segment import LEFT, NOSE, RIGHT, SEGMENTS, Airway, segment_airway
 from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.builtin.variation import drawn_parameters
-from naris.anatomy.distance import signed_distance
+from naris.anatomy.distance import lumen_distance, signed_distance
 from naris.anatomy.level_set import surface
 from naris.anatomy.scanned import ScannedAnatomy, anatomy_of_airway
 from naris.anatomy.transfer import transfer_regions
+from naris.anatomy.triangles import index_triangles
 from naris.anatomy.virtual_ct import Scanner, virtual_ct
 from naris.bench import BenchRequest, Measurement
 from naris.bench.carried import Right, of_samples, of_transfers, references_of, right
@@ -145,7 +146,7 @@ def on_walls(landmarks_mm: Mapping[str, Float[np.ndarray, "3"]], truth: Anatomy)
 
 def kept(found: Anatomy, truth: Anatomy, but_near_mm: Float[np.ndarray, "k 3"]) -> dict[str, float]:
     """By anatomical region, the share of places with room for a camera that lie in what was found, nostrils apart."""
-    distance, of_found = signed_distance(truth, _PLACES_MM), signed_distance(found)
+    distance, of_found = signed_distance(truth, _PLACES_MM), lumen_distance(found)
     places = distance.origin_mm + distance.spacing_mm * np.argwhere(distance.values_mm > _ROOM_MM)
     places = places[np.linalg.norm(places[:, None] - but_near_mm, axis=-1).min(axis=1) > _OPEN_MM]
     regions = truth.region_set("anatomical")
@@ -163,7 +164,7 @@ def apart_mm(
         if but_near_mm is not None:
             near = np.linalg.norm(points[:, None] - but_near_mm, axis=-1).min(axis=1) < _OPEN_MM
             points = points[~near]
-        found.append(signed_distance(to).closest(points).distance_mm)
+        found.append(index_triangles(to.vertices_mm, to.faces).closest(points).distance_mm)
     return np.concatenate(found)
 
 

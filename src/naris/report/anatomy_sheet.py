@@ -13,7 +13,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from naris.airway.block import Block
-from naris.anatomy.distance import SignedDistance, signed_distance
+from naris.anatomy.distance import SignedDistance, lumen_distance
 from naris.core.anatomy import Anatomy, Passage, RegionSet
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
@@ -82,7 +82,7 @@ def cuts(
         scan: the CT behind it; without one, air is dark and tissue is grey.
         through_mm: where the cuts meet; None for the middle of the passages.
     """
-    distance = signed_distance(anatomy)
+    distance = lumen_distance(anatomy)
     at = _middle(anatomy) if through_mm is None else through_mm
     return (
         Cut(f"axial, z = {at[2]:.0f} mm", _plane(anatomy, distance, regions, scan, (0, 1), at, up=False)),
