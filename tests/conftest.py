@@ -37,14 +37,20 @@ import_hook.install_import_hook("naris", TYPECHECKER)
 hypothesis.settings.register_profile("naris", deadline=None, derandomize="CI" in os.environ)
 hypothesis.settings.load_profile("naris")
 
-# The processes of a run share the cores: where each takes all, they wait for each other (set before torch loads).
-if "PYTEST_XDIST_WORKER_COUNT" in os.environ:
-    cores = len(os.sched_getaffinity(0)) // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
-    os.environ.setdefault("OMP_NUM_THREADS", str(max(cores, 1)))
-
 # A shell that starts the tests in the background has them ignore Ctrl-C, and every process that they start as well.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The processes of a run share the cores: where the threads of each take all of them, they wait for each other.
+
+    Said before the processes start, as numpy and torch read it when they are loaded.
+    """
+    processes = getattr(config.option, "numprocesses", None)  # of pytest-xdist
+    if isinstance(processes, int) and processes > 0:
+        os.environ.setdefault("OMP_NUM_THREADS", str(max(len(os.sched_getaffinity(0)) // processes, 1)))
+
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 SHARED_DATA = Path(os.environ.get("NARIS_TEST_DATA") or REPOSITORY.parent / "shared" / "data")

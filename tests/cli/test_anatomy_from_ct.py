@@ -74,7 +74,7 @@ def head_without_nostrils() -> Volume:
 def test_a_head_without_an_airway_is_an_honest_no(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     scan, out = tmp_path / "scan.nrrd", tmp_path / "nose"
     write_nrrd(head_without_nostrils(), scan)
-    assert main(["anatomy", "from-ct", str(scan), "-o", str(out), "--json", "--quiet"]) == 1
+    assert main(["anatomy", "from-ct", str(scan), "-o", str(out), "--step-mm", "1", "--json", "--quiet"]) == 1
     told = json.loads(capfd.readouterr().out)
     assert told["usable"] is False
     assert told["reason"]
@@ -89,7 +89,7 @@ def test_a_refusal_says_that_an_earlier_anatomy_is_still_there(
     write_nrrd(head, scan)
     values = hashlib.sha256(np.ascontiguousarray(head.hu).tobytes()).hexdigest()[:16]
     save_anatomy(sphere().with_(source=f"NRRD CT of 2×2×2 mm, values {values}, segmented at 0.7 mm"), out)
-    assert main(["anatomy", "from-ct", str(scan), "-o", str(out), "--quiet"]) == 1
+    assert main(["anatomy", "from-ct", str(scan), "-o", str(out), "--step-mm", "1", "--quiet"]) == 1
     assert "still holds the anatomy of an earlier run" in capfd.readouterr().out
     assert load_anatomy(out).name == sphere().name
 

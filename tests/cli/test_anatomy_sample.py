@@ -38,11 +38,10 @@ def test_a_population_grows_and_is_the_same_again(tmp_path: Path, capfd: pytest.
     assert "seed 3" in capfd.readouterr().err
 
 
-@pytest.mark.slow
 def test_pictures_when_asked_of_those_that_are_there_too(
-    tmp_path: Path, mean_nose_ply: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, tube: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["anatomy", "sample", "-o", str(tmp_path / "a"), "--around", str(mean_nose_ply), "--quiet", "--count"]
+    words = ["anatomy", "sample", "-o", str(tmp_path / "a"), "--around", str(tube), "--quiet", "--count"]
     assert main([*words, "1"]) == 0
     assert not (tmp_path / "a" / "0000" / "anatomy.html").exists()
     assert main([*words, "2", "--pictures"]) == 0

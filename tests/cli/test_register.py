@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from naris.core.pose import CAMERA as CAMERA_FRAME
 from naris.core.pose import Pose, distance
 from naris.render.scene import Scene, render
 from tests.conftest import shared_file
-from tests.register.sfm.colmap_models import Model, model_of, write_binary, write_text
+from tests.register.sfm.colmap_models import model_of, write_binary, write_text
 from tests.register.sfm.simulated import SHOT, reconstructed
 from tests.winding_tube import widening_tube
 
@@ -137,15 +136,14 @@ def test_a_cloud_needs_no_camera(tube: Path, seen: Path, capfd: pytest.CaptureFi
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("write", [write_text, write_binary])
 def test_a_shot_of_the_mean_nose_finds_its_place(
-    mean_nose_ply: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], write: Callable[[Model, Path], Path]
+    mean_nose_ply: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """All the way: a model of COLMAP in a unit and a world of its own, and the command line."""
     mean = load_anatomy(str(mean_nose_ply))
     (trial,) = drawn_trials(mean, 1, 5)
     made, mm_per_unit = reconstructed(mean, trial.anatomy_T_camera, 0)
-    folder = write(model_of(made), tmp_path / "sparse")
+    folder = write_text(model_of(made), tmp_path / "sparse")
     arguments = ["register", str(mean_nose_ply), "--cloud", str(folder), "--view", "shot 00.png", "--scale", "unknown"]
     assert main([*arguments, "--noise", f"{0.2 / mm_per_unit}", "--json", "--quiet"]) == 0
     told = json.loads(capfd.readouterr().out)
