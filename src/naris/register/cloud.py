@@ -78,21 +78,15 @@ def no_cloud() -> Cloud:
     )  # fmt: skip
 
 
-def _apart(observation: Observation, first: int, last: int) -> float:
-    """From ray to ray of the lattice of one view, in rad."""
-    least = float(np.median(observation.isotropic[first:last] / observation.ranges[first:last]))
-    return float(np.clip(_APART_SD * least, _LEAST_RAD, _MOST_RAD))
-
-
 def _view(observation: Observation, first: int, last: int) -> _View:
     """The lattice of one view: even in azimuth and elevation about the middle of what it saw."""
-    ways, apart = observation.directions[first:last], _apart(observation, first, last)
+    ways, sd = observation.directions[first:last], observation.isotropic[first:last] / observation.ranges[first:last]
+    apart = float(np.clip(_APART_SD * np.median(sd), _LEAST_RAD, _MOST_RAD))
     ahead = ways.mean(axis=0)
     turn = Pose.look(np.zeros((1, 3)), ahead[None], upright(ahead[None]), "rig").rotation[0]
     x, y, z = (ways @ turn).T
     azimuth, elevation = np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))
-    sd = np.maximum(observation.isotropic[first:last] / observation.ranges[first:last], 0.5 * apart)
-    reach = np.minimum(np.arcsin(np.minimum(_WITHIN_SD * sd, 1.0)), _WITHIN_RAD)
+    reach = np.minimum(np.arcsin(np.minimum(_WITHIN_SD * np.maximum(sd, 0.5 * apart), 1.0)), _WITHIN_RAD)
     beside = reach / np.maximum(np.cos(elevation), 0.3)
     low_a, low_e = float((azimuth - beside).min()), max(float((elevation - reach).min()), -_STEEP_RAD)
     high_e = min(float((elevation + reach).max()), _STEEP_RAD)

@@ -15,14 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from naris.register.equations import POSE, cast
+from naris.register.equations import POSE, cast, per_ray, priors
 
 _LEAST_COSINE = 0.1
 _PATCH = 0.4  # standard deviation of a patch, beside the way from ray to ray
 _FAR_MM = 1e6
 _POWER = 64.0  # (1 − x/64)^64 in place of exp(−x): no call, so the loop runs on all lanes
 _NORM = 0.06349363593424098  # (2π)^(−3/2)
-_OUTSIDE = 100.0
 
 _part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
 
@@ -73,7 +72,7 @@ class Cloud(NamedTuple):
 
 
 @_part_njit
-def linearise_cloud(sight, pose, log_scale, width, equations):
+def linearise_cloud(sight, pose, log_scale, smooth, width, equations):
     """As `naris.register.steps.linearise`, for points."""
     model, cloud = sight.model, sight.cloud
     scale, n = np.float32(np.exp(log_scale)), len(cloud.range)
@@ -82,14 +81,8 @@ def linearise_cloud(sight, pose, log_scale, width, equations):
     for i in range(n):
         cost += _point(sight.rays, cloud, i, (scale, np.float32(width), 1.0 - model.outliers, even), seen)
     _add_up(sight.rays, cloud, scale, seen, POSE + model.free, equations)
-    if model.free:
-        off = model.log_scale - log_scale
-        equations.matrix[POSE, POSE] += model.precision
-        equations.right[POSE] += model.precision * off
-        cost += model.precision * off * off
-    if 2 * outside > len(seen.t) or (model.free and not model.log_low <= log_scale <= model.log_high):
-        cost += _OUTSIDE * n
-    return cost / max(n, 1)
+    cost += priors(sight.rays, model, log_scale, smooth, equations)
+    return per_ray(model, cost, n, 2 * outside > len(seen.t), log_scale)
 
 
 @_part_njit

@@ -103,30 +103,45 @@ class Equations(NamedTuple):
     right: np.ndarray
 
 
+@_inline_njit
+def shoot(embree, rays, pose, scale, packet, block):
+    """Sends one block of rays from a pose; gives their directions in the anatomy, what they meet is in the packet."""
+    at = block * LANES
+    ox, oy, oz = scale * rays.origin[block, 0], scale * rays.origin[block, 1], scale * rays.origin[block, 2]
+    px = np.float32(pose[0, 0] * ox + pose[0, 1] * oy + pose[0, 2] * oz + pose[0, 3])
+    py = np.float32(pose[1, 0] * ox + pose[1, 1] * oy + pose[1, 2] * oz + pose[1, 3])
+    pz = np.float32(pose[2, 0] * ox + pose[2, 1] * oy + pose[2, 2] * oz + pose[2, 3])
+    begin_frame(packet, (px, py, pz))
+    x, y, z = load(rays.x, at), load(rays.y, at), load(rays.z, at)
+    r0 = np.float32(pose[0, 0]) * x + np.float32(pose[0, 1]) * y + np.float32(pose[0, 2]) * z
+    r1 = np.float32(pose[1, 0]) * x + np.float32(pose[1, 1]) * y + np.float32(pose[1, 2]) * z
+    r2 = np.float32(pose[2, 0]) * x + np.float32(pose[2, 1]) * y + np.float32(pose[2, 2]) * z
+    intersect(embree, packet, rays.valid, at, (r0, r1, r2))
+    return r0, r1, r2
+
+
+@_inline_njit
+def keep(memory, at, distance, normal):
+    """Leaves what a block of rays met in `memory`: distances times the side that is seen, and normals."""
+    n = len(memory.hit)
+    store(memory.hit, at, distance)
+    store(memory.normal, at, normal[0])
+    store(memory.normal, n + at, normal[1])
+    store(memory.normal, 2 * n + at, normal[2])
+
+
 @_raw_njit
 def cast(embree, rays, pose, scale, memory):
     """What the rays meet from a pose, left in `memory`."""
     n = len(rays.x)
     for block in range(n // LANES):
         at = block * LANES
-        ox, oy, oz = scale * rays.origin[block, 0], scale * rays.origin[block, 1], scale * rays.origin[block, 2]
-        px = np.float32(pose[0, 0] * ox + pose[0, 1] * oy + pose[0, 2] * oz + pose[0, 3])
-        py = np.float32(pose[1, 0] * ox + pose[1, 1] * oy + pose[1, 2] * oz + pose[1, 3])
-        pz = np.float32(pose[2, 0] * ox + pose[2, 1] * oy + pose[2, 2] * oz + pose[2, 3])
-        begin_frame(memory.packet, (px, py, pz))
-        x, y, z = load(rays.x, at), load(rays.y, at), load(rays.z, at)
-        r0 = np.float32(pose[0, 0]) * x + np.float32(pose[0, 1]) * y + np.float32(pose[0, 2]) * z
-        r1 = np.float32(pose[1, 0]) * x + np.float32(pose[1, 1]) * y + np.float32(pose[1, 2]) * z
-        r2 = np.float32(pose[2, 0]) * x + np.float32(pose[2, 1]) * y + np.float32(pose[2, 2]) * z
-        intersect(embree, memory.packet, rays.valid, at, (r0, r1, r2))
-        _seen, distance, _face, _u, _v, normal, side = found(memory.packet, rays.valid, at, (r0, r1, r2))
-        store(memory.hit, at, distance * side)
-        store(memory.ray, at, r0)
-        store(memory.ray, n + at, r1)
-        store(memory.ray, 2 * n + at, r2)
-        store(memory.normal, at, normal[0])
-        store(memory.normal, n + at, normal[1])
-        store(memory.normal, 2 * n + at, normal[2])
+        ray = shoot(embree, rays, pose, scale, memory.packet, block)
+        _seen, distance, _face, _u, _v, normal, side = found(memory.packet, rays.valid, at, ray)
+        keep(memory, at, distance * side, normal)
+        store(memory.ray, at, ray[0])
+        store(memory.ray, n + at, ray[1])
+        store(memory.ray, 2 * n + at, ray[2])
 
 
 @_inline_njit
@@ -230,14 +245,20 @@ def linearise_rays(sight, pose, log_scale, smooth, width, equations):
             right[i] -= q * e
             for j in range(i + 1):
                 matrix[i, j] += q * row[j]
-    cost += _priors(rays, model, log_scale, smooth, equations)
-    if 2 * outside > count or (model.free and not model.log_low <= log_scale <= model.log_high):
+    cost += priors(rays, model, log_scale, smooth, equations)
+    return per_ray(model, cost, count, 2 * outside > count, log_scale)
+
+
+@_part_njit
+def per_ray(model, cost, count, is_outside, log_scale):
+    """A cost for each of the rays, dear where most begin in tissue or the scale is where it must not be."""
+    if is_outside or (model.free and not model.log_low <= log_scale <= model.log_high):
         cost += _OUTSIDE * count
     return cost / max(count, 1)
 
 
 @_part_njit
-def _priors(rays, model, log_scale, smooth, equations):
+def priors(rays, model, log_scale, smooth, equations):
     """Adds what is known beforehand of the scale and the smooth error."""
     matrix, right = equations.matrix, equations.right
     cost, first = 0.0, POSE + model.free

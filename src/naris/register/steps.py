@@ -60,7 +60,7 @@ class Schedule(NamedTuple):
 def linearise(sight, pose, log_scale, smooth, width, equations):
     """The normal equations at a pose, and its cost: −2 log likelihood (and prior) a ray or point."""
     if sight.model.kind == CLOUD:
-        return linearise_cloud(sight, pose, log_scale, width, equations)
+        return linearise_cloud(sight, pose, log_scale, smooth, width, equations)
     return linearise_rays(sight, pose, log_scale, smooth, width, equations)
 
 

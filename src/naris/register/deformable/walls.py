@@ -12,11 +12,11 @@ from jaxtyping import Bool, Float, Int
 from numba import njit
 
 from naris.anatomy.triangles import TriangleIndex, index_triangles
-from naris.register.equations import Memory, Rays
+from naris.register.equations import Memory, Rays, keep, shoot
 from naris.render.embree import ARGUMENTS, PacketScene, library
 from naris.render.fast import aligned
-from naris.render.lanes import LANES, load, store
-from naris.render.packets import Embree, begin_frame, found, intersect
+from naris.render.lanes import LANES, store
+from naris.render.packets import Embree, found
 from naris.render.sources import OF_PACKETS, sources_of
 
 
@@ -96,29 +96,17 @@ class Walls:
 @njit(cache=True, nogil=True, error_model="numpy", boundscheck=False)
 def _meet(embree, rays, pose, scale, memory, out, _sources):  # noqa: ANN001, ANN202
     """As `naris.register.equations.cast`, with the face and the place in it."""
-    n, (faces, us, vs) = len(rays.x), out
-    for block in range(n // LANES):
+    faces, us, vs = out
+    for block in range(len(rays.x) // LANES):
         at = block * LANES
-        ox, oy, oz = scale * rays.origin[block, 0], scale * rays.origin[block, 1], scale * rays.origin[block, 2]
-        px = np.float32(pose[0, 0] * ox + pose[0, 1] * oy + pose[0, 2] * oz + pose[0, 3])
-        py = np.float32(pose[1, 0] * ox + pose[1, 1] * oy + pose[1, 2] * oz + pose[1, 3])
-        pz = np.float32(pose[2, 0] * ox + pose[2, 1] * oy + pose[2, 2] * oz + pose[2, 3])
-        begin_frame(memory.packet, (px, py, pz))
-        x, y, z = load(rays.x, at), load(rays.y, at), load(rays.z, at)
-        r0 = np.float32(pose[0, 0]) * x + np.float32(pose[0, 1]) * y + np.float32(pose[0, 2]) * z
-        r1 = np.float32(pose[1, 0]) * x + np.float32(pose[1, 1]) * y + np.float32(pose[1, 2]) * z
-        r2 = np.float32(pose[2, 0]) * x + np.float32(pose[2, 1]) * y + np.float32(pose[2, 2]) * z
-        intersect(embree, memory.packet, rays.valid, at, (r0, r1, r2))
-        _seen, distance, face, u, v, normal, side = found(memory.packet, rays.valid, at, (r0, r1, r2))
-        store(memory.hit, at, distance * side)
+        ray = shoot(embree, rays, pose, scale, memory.packet, block)
+        _seen, distance, face, u, v, normal, side = found(memory.packet, rays.valid, at, ray)
+        keep(memory, at, distance * side, normal)
         store(faces, at, face)
         store(us, at, u)
         store(vs, at, v)
-        store(memory.normal, at, normal[0])
-        store(memory.normal, n + at, normal[1])
-        store(memory.normal, 2 * n + at, normal[2])
 
 
 @lru_cache(maxsize=1)
 def _sources() -> np.ndarray:
-    return sources_of("naris.register.deformable.walls", *OF_PACKETS)
+    return sources_of("naris.register.deformable.walls", "naris.register.equations", *OF_PACKETS)
