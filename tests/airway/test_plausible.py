@@ -91,17 +91,41 @@ def judged(left: slice, right: slice, depth_mm: float = 60.0, pharynx: int = 10)
     throat[2:38, 70 : 70 + pharynx, 5:35] = True
     marks = {f"{side}.nostril": at for side, at in NOSTRILS.items()}
     marks |= {f"{side}.choana": at + [0, depth_mm, 0] for side, at in NOSTRILS.items()}
+    marks["anterior tip"] = np.array([0.0, 5.0, 20.0])
     wall = np.full(block.hu.shape, 2.0, np.float32)
     return [one.code for one in check_plausible(volume, block, masks, throat, wall, -1000.0, marks)]
 
 
 def test_what_is_unusual_is_told_and_what_cannot_be_is_refused() -> None:
-    whole, thin = slice(5, 25), slice(5, 12)
+    whole, thin = slice(2, 34), slice(2, 15)
     assert judged(whole, whole) == []
     assert judged(whole, thin) == judged(thin, whole) == ["uneven sides"]
     with pytest.raises(ScanError, match="right nostril to its choana"):
         judged(whole, whole, depth_mm=20.0)
     with pytest.raises(ScanError, match="in the left nasal cavity"):
-        judged(slice(5, 6), whole)
+        judged(slice(5, 7), whole)
     with pytest.raises(ScanError, match="nasopharynx"):
         judged(whole, whole, pharynx=85)
+
+
+@pytest.mark.parametrize(
+    ("stretch", "told"),
+    [
+        ((1.0, 1.0, 3.0), "refused"),
+        ((1.0, 1.0, 0.8), "stretched"),
+        ((1.0, 1.0, 1.0), ""),
+        ((1.0, 1.0, 0.6), "refused"),
+        ((0.65, 0.65, 0.65), "small"),
+    ],
+)
+def test_a_header_that_stretches_or_shrinks_a_nose_is_noticed(stretch: tuple[float, ...], told: str) -> None:
+    """The same voxels under a header that tells other distances between slices or pixels."""
+    scan = simulated_head.scan()
+    matrix = np.diag([*stretch, 1.0]) @ scan.frame_T_index
+    try:
+        found = {one.code for one in segment_airway(replace(scan, frame_T_index=matrix), COARSE_MM).findings}
+    except ScanError as error:
+        assert told == "refused", error
+        assert "see that the header tells the true distances of slices" in str(error)
+    else:
+        assert found & {"stretched", "small"} == ({told} - {""})

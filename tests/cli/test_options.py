@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from naris.cli import VERBS, main
-from naris.cli.options import ALLOWED, Range, flag
+from naris.cli.options import ALLOWED, Range, check_name, flag
+from naris.errors import InputError
 
 
 @pytest.mark.parametrize(
@@ -124,3 +125,10 @@ def test_help_tells_between_which_numbers_an_option_must_lie(verb: str, option: 
     told = re.sub(r"[\s│]+", " ", re.sub(r"\x1b\[[0-9;]*m", "", capfd.readouterr().out))
     (said,) = re.findall(rf" {flag(option)} [A-Z]+ (.*?) \((?:default|optional)", told)
     assert re.search(rf"\b{re.escape(str(limit))}\b", said), said
+
+
+@pytest.mark.parametrize("name", ["", "  ", "two\nlines", "x" * 81])
+def test_a_name_that_cannot_stand_in_a_line_is_refused(name: str) -> None:
+    check_name("nose 12, after surgery")
+    with pytest.raises(InputError, match="--name of 1 to 80 printed letters"):
+        check_name(name)

@@ -178,3 +178,15 @@ def test_files_that_break_off(name: str, share: float, tmp_path: Path) -> None:
     path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(ScanError, match=name):
         read_file(path)
+
+
+@pytest.mark.parametrize("name", ["a.nii.gz", "a.nrrd", "a.mha"])
+def test_voxels_that_are_no_numbers_are_counted(name: str, tmp_path: Path) -> None:
+    hu = np.full((12, 10, 8), 40.0, np.float32)
+    hu[:6, :, 5:7] = np.nan
+    told = {one.code: one for one in read_file(write(tmp_path / name, hu, np.eye(4))).findings}
+    assert told["no numbers"].weight == "warning"
+    assert told["no numbers"].text.startswith("12 % of the voxels")  # 120 of 960
+    assert "2 slices, the first slice 5" in told["no numbers"].text
+    hu[:] = 40.0
+    assert "no numbers" not in {one.code for one in read_file(write(tmp_path / name, hu, np.eye(4))).findings}

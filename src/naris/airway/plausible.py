@@ -13,15 +13,22 @@ from jaxtyping import Bool, Float, Float32, UInt8
 from scipy.ndimage import binary_dilation
 
 from naris.airway.block import WITHIN, Block, sides_of
+from naris.core.nasal_frame import NasalFrame
 from naris.core.volume import Volume
 from naris.ct.scan import Finding
-from naris.errors import ScanError
+from naris.errors import InputError, ScanError
 
 _CUT_MM2 = 20.0  # of a nasal cavity on the end of the scan; the pharynx may be cut, the nostrils open forwards
 _ROOMY_MM, _MORE_HU = 1.5, 200.0  # of the wall the air is that of the room, whatever the scanner blurs
 _LEAST_DEPTH_MM, _MOST_DEPTH_MM = 35.0, 110.0  # from a nostril to its choana, from a small child on
 _SIDE_ML, _PHARYNX_ML = (1.5, 45.0), 60.0
 _UNEVEN, _VERY_UNEVEN = 1.7, 2.5
+_CHILD_MM = 48.0
+_HEIGHT_SHARE = 0.5, 99.5  # percentiles of its nodes: one of them too high does not make a nose higher
+_USUAL_HEIGHT, _POSSIBLE_HEIGHT = (0.6, 0.9), (0.5, 1.0)
+"""Of a nose, as a share of its depth; 0.65 to 0.81 in real and drawn ones, and 1.0 in a real one whose slices are said
+to lie half as far again from each other as they do."""
+_TRUE_DISTANCES = "the header tells the true distances of slices and pixels"
 _ENDS = (("right", "left"), ("front", "back"), ("bottom", "top"))
 _FRONT = (1, 0)
 
@@ -44,18 +51,19 @@ def check_plausible(
         pharynx: the nasopharynx.
         wall: distances to the wall in mm.
         room_hu: of the air in front of the face.
-        landmarks_mm: nostrils and choanae.
+        landmarks_mm: nostrils, choanae and the anterior tip.
 
     Raises:
         ScanError: if it cannot be a whole nose of air.
     """
     ml = block.step_mm**3 / 1000
     for side, cavity in sides.items():
-        _check_whole(volume, block, side, cavity)
+        _check_whole(volume, block, side, cavity, landmarks_mm["anterior tip"])
         depth_mm = float(np.linalg.norm(landmarks_mm[f"{side}.choana"] - landmarks_mm[f"{side}.nostril"]))
         _check_between(f"from the {side} nostril to its choana", "mm", depth_mm, _LEAST_DEPTH_MM, _MOST_DEPTH_MM)
         _check_between(f"in the {side} nasal cavity", "ml", float(cavity.sum()) * ml, *_SIDE_ML)
     _check_between("in the nasopharynx", "ml", float(pharynx.sum()) * ml, 0.0, _PHARYNX_ML)
+    findings = _proportions(block, sides["right"] | sides["left"], landmarks_mm)
     roomy = (sides["right"] | sides["left"]) & (wall >= _ROOMY_MM)
     if roomy.any() and (hu := float(np.median(block.hu[roomy]))) > room_hu + _MORE_HU:
         raise ScanError(
@@ -63,12 +71,47 @@ def check_plausible(
             f"{hu:.0f} HU",
             "it may be packed: segment it by hand",
         )
-    volumes = {side: float(cavity.sum()) * ml for side, cavity in sides.items()}
-    less, more = sorted(volumes, key=lambda side: volumes[side])
-    if volumes[more] < _UNEVEN * volumes[less]:
+    return findings + _uneven({side: float(cavity.sum()) * ml for side, cavity in sides.items()})
+
+
+def _uneven(volumes_ml: Mapping[str, float]) -> list[Finding]:
+    less, more = sorted(volumes_ml, key=lambda side: volumes_ml[side])
+    if volumes_ml[more] < _UNEVEN * volumes_ml[less]:
         return []
-    told = f"the {less} side holds {volumes[less]:.1f} ml of air, the {more} {volumes[more]:.1f}: packed or swollen?"
-    return [Finding("uneven sides", told, "warning" if volumes[more] > _VERY_UNEVEN * volumes[less] else "notice")]
+    told = (
+        f"the {less} side holds {volumes_ml[less]:.1f} ml of air, the {more} {volumes_ml[more]:.1f}: packed or swollen?"
+    )
+    very = volumes_ml[more] > _VERY_UNEVEN * volumes_ml[less]
+    return [Finding("uneven sides", told, "warning" if very else "notice")]
+
+
+def _proportions(
+    block: Block, cavities: Bool[np.ndarray, "nx ny nz"], landmarks_mm: Mapping[str, Float[np.ndarray, "3"]]
+) -> list[Finding]:
+    """Whether a nose is as high as one of its depth is; a wrong distance between slices or pixels stretches it.
+
+    Raises:
+        ScanError: if no nose is so high or so low.
+    """
+    try:
+        frame = NasalFrame.of(landmarks_mm)
+    except InputError:
+        return []
+    up = frame.coordinates_mm(block.points_mm(np.argwhere(cavities)))[:, 2]
+    height_mm = float(np.ptp(np.percentile(up, _HEIGHT_SHARE)))
+    share = height_mm / frame.depth_mm
+    found = f"{height_mm:.0f} mm high and {frame.depth_mm:.0f} mm deep, {share:.2f} times"
+    if not _POSSIBLE_HEIGHT[0] <= share <= _POSSIBLE_HEIGHT[1]:
+        expected = f"a nose {_POSSIBLE_HEIGHT[0]:g} to {_POSSIBLE_HEIGHT[1]:g} times as high as it is deep"
+        raise ScanError(expected, f"one {found}", f"see that {_TRUE_DISTANCES}")
+    findings = []
+    if not _USUAL_HEIGHT[0] <= share <= _USUAL_HEIGHT[1]:
+        told = f"the nose is {found}, and usually {_USUAL_HEIGHT[0]:g} to {_USUAL_HEIGHT[1]:g}: are the distances of"
+        findings.append(Finding("stretched", f"{told} slices and pixels right?", "warning"))
+    if frame.depth_mm < _CHILD_MM:
+        told = f"the nose is {frame.depth_mm:.0f} mm deep, as a small child's is: are the spacings right?"
+        findings.append(Finding("small", told, "warning"))
+    return findings
 
 
 def _check_between(what: str, unit: str, found: float, low: float, high: float) -> None:
@@ -80,14 +123,28 @@ def _check_between(what: str, unit: str, found: float, low: float, high: float) 
         )
 
 
-def _check_whole(volume: Volume, block: Block, side: str, cavity: Bool[np.ndarray, "nx ny nz"]) -> None:
-    """Refuses a cavity that the scan ends in."""
+def _check_whole(
+    volume: Volume,
+    block: Block,
+    side: str,
+    cavity: Bool[np.ndarray, "nx ny nz"],
+    tip_mm: Float[np.ndarray, "3"],
+) -> None:
+    """Refuses a cavity that the scan ends in, or that reaches further than any."""
     step = block.step_mm
     for axis, names in enumerate(_ENDS):
         for end, name in enumerate(names):
             at_end = abs(_end_mm(block, axis, end) - volume.bounds_mm[end, axis]) < 1.5 * step
+            area_mm2 = float(np.take(cavity, -end, axis).sum()) * step**2
             if (axis, end) != _FRONT and at_end:
-                _refuse_cut(side, name, float(np.take(cavity, -end, axis).sum()) * step**2)
+                _refuse_cut(side, name, area_mm2)
+            elif not at_end and area_mm2 > _CUT_MM2:
+                far_mm = abs(_end_mm(block, axis, end) - tip_mm[axis])
+                raise ScanError(
+                    f"a nose that ends within {far_mm:.0f} mm of its tip towards the {name}",
+                    f"a {side} nasal cavity that goes on there",
+                    f"see that {_TRUE_DISTANCES}",
+                )
     codes: UInt8[np.ndarray, "nx ny nz"] = sides_of(volume, block)
     if (codes != WITHIN).any():
         edge = cavity & binary_dilation(codes != WITHIN)

@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from naris.anatomy.distance import lumen_distance
 from naris.core.anatomy import Anatomy, Enclosed
+from naris.core.progress import SILENT, Progress
 from naris.core.volume import LPS, Volume
 from naris.errors import InputError
 
@@ -84,7 +85,7 @@ class _Block:
         return x, y, z
 
 
-def virtual_ct(anatomy: Anatomy, scanner: Scanner = Scanner(), seed: int = 0) -> Volume:
+def virtual_ct(anatomy: Anatomy, scanner: Scanner = Scanner(), seed: int = 0, progress: Progress = SILENT) -> Volume:
     """A CT of an anatomy that encloses its air; the same bits for the same arguments.
 
     Where the anatomy has landmarks `left.nostril` and `right.nostril`, the lumen is open to the air of the room below
@@ -94,6 +95,7 @@ def virtual_ct(anatomy: Anatomy, scanner: Scanner = Scanner(), seed: int = 0) ->
         anatomy: in LPS.
         scanner: how it is scanned.
         seed: of noise and metal.
+        progress: told of the planes of the head, and of the slices.
 
     Raises:
         InputError: if the anatomy is in another frame or lies between walls.
@@ -106,13 +108,13 @@ def virtual_ct(anatomy: Anatomy, scanner: Scanner = Scanner(), seed: int = 0) ->
         )
     rng = np.random.default_rng(seed)
     block = _block(anatomy, scanner)
-    lumen_mm = _lumen_mm(anatomy, block)
+    lumen_mm = _lumen_mm(anatomy, block, progress)
     outside_mm = _outside_mm(anatomy, block, lumen_mm)
     hu = _tissue(lumen_mm, outside_mm)
     metal = _metal(anatomy, block, scanner.metal, rng)
     hu[metal] = METAL_HU
     blurred = gaussian_filter(hu, scanner.blur_mm / _FINE_MM) if scanner.blur_mm else hu
-    return _scanned(_Block(blurred, block.origin_mm), anatomy, scanner, _places(metal, block), rng)
+    return _scanned(_Block(blurred, block.origin_mm), anatomy, scanner, _places(metal, block), rng, progress)
 
 
 def _block(anatomy: Anatomy, scanner: Scanner) -> _Block:
@@ -121,14 +123,16 @@ def _block(anatomy: Anatomy, scanner: Scanner) -> _Block:
     return _Block(np.empty(shape, np.float32), low)
 
 
-def _lumen_mm(anatomy: Anatomy, block: _Block) -> Float32[np.ndarray, "nx ny nz"]:
+def _lumen_mm(anatomy: Anatomy, block: _Block, progress: Progress) -> Float32[np.ndarray, "nx ny nz"]:
     """Signed distance to the wall at the nodes, positive in the lumen; true to the skin, beyond which all is room."""
     distance = lumen_distance(anatomy, _SKIN_MM + _RAMP_MM)
     x, y, z = block.points_mm()
     out = np.empty_like(block.values)
-    for i, plane in enumerate(out):
-        points = np.stack(np.broadcast_arrays(x[i], y[0], z[0]), axis=-1)
-        plane[:] = distance(points)
+    with progress.task("head", len(out)) as advance:
+        for i, plane in enumerate(out):
+            points = np.stack(np.broadcast_arrays(x[i], y[0], z[0]), axis=-1)
+            plane[:] = distance(points)
+            advance(1)
     return out
 
 
@@ -199,7 +203,12 @@ def _places(metal: Bool[np.ndarray, "nx ny nz"], block: _Block) -> Float[np.ndar
 
 
 def _scanned(
-    block: _Block, anatomy: Anatomy, scanner: Scanner, metal_mm: Float[np.ndarray, "m 3"], rng: np.random.Generator
+    block: _Block,
+    anatomy: Anatomy,
+    scanner: Scanner,
+    metal_mm: Float[np.ndarray, "m 3"],
+    rng: np.random.Generator,
+    progress: Progress,
 ) -> Volume:
     """The block on the scanner's lattice: averaged over the thickness of a slice, with noise and streaks."""
     low, high = anatomy.bounds_mm + np.array([[-1.0], [1.0]]) * scanner.margin_mm
@@ -216,14 +225,18 @@ def _scanned(
     across = (np.arange(count) + 0.5) / count * thickness - thickness / 2
     volume = Volume(np.empty(shape, np.int16), matrix, LPS)
     i, j = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
-    for k in range(shape[2]):
-        points = volume.points_mm(np.stack([i, j, np.full_like(i, k)], axis=-1))
-        plane = np.zeros(shape[:2])
-        for off in across:
-            index = np.moveaxis((points + off * normal - block.origin_mm) / _FINE_MM, -1, 0)
-            plane += map_coordinates(block.values, index, np.float32, order=1, mode="nearest", prefilter=False) / count
-        plane += _streaks_hu(points, normal, metal_mm, thickness)
-        volume.hu[:, :, k] = _as_int(plane + scanner.noise_hu * rng.standard_normal(plane.shape))
+    with progress.task("slices", shape[2]) as advance:
+        for k in range(shape[2]):
+            points = volume.points_mm(np.stack([i, j, np.full_like(i, k)], axis=-1))
+            plane = np.zeros(shape[:2])
+            for off in across:
+                index = np.moveaxis((points + off * normal - block.origin_mm) / _FINE_MM, -1, 0)
+                plane += (
+                    map_coordinates(block.values, index, np.float32, order=1, mode="nearest", prefilter=False) / count
+                )
+            plane += _streaks_hu(points, normal, metal_mm, thickness)
+            volume.hu[:, :, k] = _as_int(plane + scanner.noise_hu * rng.standard_normal(plane.shape))
+            advance(1)
     return volume
 
 

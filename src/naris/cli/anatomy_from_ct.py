@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from naris.cli.console import Console
-from naris.cli.options import IfGiven
+from naris.cli.options import IfGiven, check_name
 
 if TYPE_CHECKING:
     from naris.airway.segment import Airway
@@ -53,6 +53,7 @@ def run(options: Options, console: Console) -> int:
         from naris.errors import InputError
 
         raise InputError("--step-mm between 0.2 and 1.0", f"{options.step_mm:g}", "use 0.5")
+    check_name(options.name)
     check_folder(options.out)
     scan = read_scan(options.scan, options.series, console.progress)
     settings = _settings(scan, options)
@@ -67,12 +68,12 @@ def run(options: Options, console: Console) -> int:
             made = anatomy_of_airway(airway, options.name, _source(scan, options), attached=options.sinuses)
             advance(1)
         except (ScanError, SurfaceError) as error:
-            return _no_airway(str(error), look_at(scan).findings, options.out, console)
+            return _no_airway(str(error), scan, look_at(scan).findings, options.out, console)
         except PoseError:
             reason = (
                 "expected a way for a camera from both nostrils to the nasopharynx, got none; the nose is too narrow"
             )
-            return _no_airway(reason, look_at(scan, airway).findings, options.out, console)
+            return _no_airway(reason, scan, look_at(scan, airway).findings, options.out, console)
         findings = tuple(dict.fromkeys((*look_at(scan, airway).findings, *made.findings)))
         found = _describe(made, airway, findings)
         _keep(made, airway, {"schema": SCHEMA, "settings": settings, "found": found}, options.out)
@@ -114,15 +115,18 @@ def _check_same(scan: Scan, out: Path) -> None:
         )
 
 
-def _no_airway(reason: str, findings: tuple[Finding, ...], out: Path, console: Console) -> int:
+def _no_airway(reason: str, scan: Scan, findings: tuple[Finding, ...], out: Path, console: Console) -> int:
     """The honest answer; what an earlier run kept in the folder is not of this scan."""
     from naris.anatomy.folder import DESCRIPTION
+    from naris.cli.anatomy_inspect import scan_data, scan_text
 
     earlier = (out / DESCRIPTION).is_file()
     kept = f"nothing was kept, and {out} still holds the anatomy of an earlier run" if earlier else "nothing was kept"
-    data = {"usable": False, "reason": reason, "findings": [one.to_json() for one in findings], "earlier": earlier}
-    told = [f"no usable airway: {reason}", *(f"  {one.weight}: {one.text}" for one in findings), kept]
-    console.answer(data, "\n".join(told))
+    read = scan_data(scan)
+    data = read | {"usable": False, "reason": reason, "findings": [one.to_json() for one in findings]}
+    told = [f"no usable airway: {reason}", f"  {scan_text(read)}"]
+    told += [*(f"  {one.weight}: {one.text}" for one in findings), kept]
+    console.answer(data | {"earlier": earlier}, "\n".join(told))
     return NO_AIRWAY
 
 

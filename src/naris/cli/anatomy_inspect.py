@@ -36,7 +36,7 @@ def run(options: Options, console: Console) -> int:
     with console.progress.task("looking", 1) as advance:
         found = inspect_scan(scan)
         advance(1)
-    data = _scan(scan) | found.to_json()
+    data = scan_data(scan) | found.to_json()
     console.answer(data, _text(data))
     return 0 if found.usable else NO_AIRWAY
 
@@ -46,7 +46,8 @@ def interrupted(options: Options) -> str:
     return "nothing is ever kept by this command"
 
 
-def _scan(scan: Scan) -> dict[str, Any]:
+def scan_data(scan: Scan) -> dict[str, Any]:
+    """What is known of a scan without looking for a nose in it."""
     low, high = scan.volume.bounds_mm.round(1).tolist()
     return {
         "format": scan.format,
@@ -60,10 +61,9 @@ def _scan(scan: Scan) -> dict[str, Any]:
 
 
 def _text(data: dict[str, Any]) -> str:
-    shape, spacing = ("×".join(f"{number:g}" for number in data[key]) for key in ("shape", "spacing_mm"))
     lines = [
         "an airway was found" if data["usable"] else f"no usable airway: {data['reason']}",
-        f"  {data['format']}, {shape} voxels of {spacing} mm, {data['hu'][0]} to {data['hu'][1]} HU",
+        f"  {scan_text(data)}",
     ]
     if data["reach_mm"]:
         reach = ", ".join(f"{name} {mm:.0f} mm" for name, mm in data["reach_mm"].items())
@@ -74,3 +74,14 @@ def _text(data: dict[str, Any]) -> str:
     lines += [f"  {name:<24}{ml:6.1f} ml" for name, ml in data["volume_ml"].items() if ml]
     lines += [f"  {one['weight']}: {one['text']}" for one in data["findings"]]
     return "\n".join(lines)
+
+
+def scan_text(data: dict[str, Any]) -> str:
+    """The same in a line, so that a wrong header is seen."""
+    shape, spacing = ("×".join(f"{number:g}" for number in data[key]) for key in ("shape", "spacing_mm"))
+    edges = zip(data["bounds_mm"]["low"], data["bounds_mm"]["high"], strict=True)
+    size = "×".join(f"{high - low:.0f}" for low, high in edges)
+    return (
+        f"{data['format']}, {shape} voxels of {spacing} mm, {data['hu'][0]} to {data['hu'][1]} HU, "
+        f"{size} mm from right to left, front to back and bottom to top"
+    )

@@ -62,9 +62,7 @@ def run(options: Options, console: Console) -> int:
     if not is_file:
         check_series_folder(options.out)
     anatomy = load_anatomy(options.anatomy, passages=False)
-    with console.progress.task("scan", 1) as advance:
-        volume = virtual_ct(anatomy, scanner, options.seed)
-        advance(1)
+    volume = virtual_ct(anatomy, scanner, options.seed, console.progress)
     if is_file:
         write_nrrd(volume, options.out)
     else:

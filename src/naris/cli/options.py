@@ -47,6 +47,7 @@ class Range:
 _COUNT, _SEED, _AT_A_TIME = Range(1), Range(0, 2**63 - 1), Range(1, 1024)
 _LENGTH, _SILENCE = Range(0, above=True), Range(0, 24 * 3600, above=True)
 _SHARE = Range(0, 1)
+_LONGEST_NAME = 80
 _EDGE = Range(1, 8192)  # twice the widest endoscopic video
 
 ALLOWED: Mapping[str, Range] = {
@@ -116,6 +117,18 @@ def check_edges(width: int, height: int) -> None:
     if not (width in _EDGE and height in _EDGE):
         raise InputError(
             f"pictures with edges of {_EDGE.least:g} to {_EDGE.most:,g} pixels", f"{width}×{height}", "correct it"
+        )
+
+
+def check_name(name: str) -> None:
+    """See that what `--name` gives can stand in a line of every output.
+
+    Raises:
+        InputError: if it is empty, long, or holds what is not printed.
+    """
+    if not (name.strip() and name.isprintable() and len(name) <= _LONGEST_NAME):
+        raise InputError(
+            f"--name of 1 to {_LONGEST_NAME} printed letters", repr(name[: _LONGEST_NAME + 1]), "use another"
         )
 
 

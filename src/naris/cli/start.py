@@ -11,7 +11,7 @@ import re
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import nullcontext, redirect_stderr, redirect_stdout
 from types import ModuleType, TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ import naris
 from naris.cli.console import Console, console_for
 from naris.cli.options import check_numbers
 from naris.core.atomic import to_json
+from naris.core.held import check_reachable, held
 from naris.errors import InputError, NarisError, OutOfMemory
 
 if TYPE_CHECKING:
@@ -50,8 +51,11 @@ def start(words: Sequence[str], flags: set[str], verbs: Mapping[str, Verb]) -> i
         outcome.verb = module
         outcome.options = _options(module, name, words[len(name.split()) :])
         check_numbers(outcome.options)
+        out = getattr(outcome.options, "out", None)
+        if out is not None:
+            check_reachable(out)
         # A library that prints must not get in the way of the answer.
-        with redirect_stdout(sys.stderr):
+        with redirect_stdout(sys.stderr), nullcontext() if out is None else held(out):
             outcome.status = module.run(outcome.options, console)
     return outcome.status
 

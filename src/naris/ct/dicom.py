@@ -39,7 +39,7 @@ def read_dicom(folder: Path, series: str | None = None, progress: Progress = SIL
     """
     contents = contents_of(folder, progress)
     chosen = _chosen(contents.series, series, folder)
-    findings = list(_strange(contents.strange))
+    findings = [*_strange(contents.strange), *_others(contents.series, chosen)]
     if chosen.localisers:
         findings.append(Finding("localisers", f"{chosen.localisers} localiser images were left out"))
     images = _without_copies(_of_one_orientation(chosen, findings), findings)
@@ -72,6 +72,14 @@ def _strange(paths: Sequence[Path]) -> tuple[Finding, ...]:
     if len(paths) > 1:
         text = f"{len(paths)} files are no DICOM and were left out, such as {paths[0].name}: are slices among them?"
     return (Finding("no dicom", text, "warning"),)
+
+
+def _others(found: Sequence[Series], chosen: Series) -> tuple[Finding, ...]:
+    others = [one.told() for one in found if one is not chosen]
+    if not others:
+        return ()
+    told = f"{len(others)} other series, such as" if len(others) > 1 else "another series,"
+    return (Finding("other series", f"{told} {others[0]}: left out"),)
 
 
 def _chosen(found: Sequence[Series], wanted: str | None, folder: Path) -> Series:
@@ -146,7 +154,8 @@ def _without_copies(images: Sequence[Image], findings: list[Finding]) -> list[Im
                 "separate the two scans that are mixed here",
             )
     if copies:
-        findings.append(Finding("copies", f"{copies} copies of slices were left out"))
+        told = "1 copy of a slice was" if copies == 1 else f"{copies} copies of slices were"
+        findings.append(Finding("copies", f"{told} left out"))
     return kept
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float, Int16, Num
 
 from naris.core.volume import Volume
-from naris.ct.continuity import check_continuity
+from naris.ct.continuity import check_continuity, slice_number
 from naris.ct.metaimage import meta_header, meta_values
 from naris.ct.packed import check_payload
 from naris.ct.resample import upright
@@ -64,6 +64,7 @@ def read_file(path: Path) -> Scan:
     except (nrrd.NRRDError, nibabel.filebasedimages.ImageFileError, nibabel.spatialimages.HeaderDataError) as error:
         raise _damaged(path, kind, error) from error
     volume = Volume(_as_hu(values), matrix)
+    findings += _no_numbers(values)
     slice_mm = float(volume.spacing_mm.max())
     for axis in sorted({_LAST_AXIS, _slice_axis(volume)}):
         findings += check_continuity(volume.hu, axis)
@@ -241,6 +242,19 @@ def _as_hu(values: Num[np.ndarray, "ni nj nk"]) -> Int16[np.ndarray, "ni nj nk"]
         finite = np.nan_to_num(real, nan=limits.min, posinf=limits.max, neginf=limits.min)
         out[:, :, k] = np.rint(np.clip(finite, limits.min, limits.max))
     return out
+
+
+def _no_numbers(values: Num[np.ndarray, "ni nj nk"]) -> list[Finding]:
+    """A warning where voxels are no numbers, which were read as what stands beyond the picture."""
+    if not np.issubdtype(values.dtype, np.floating):
+        return []
+    lacking = np.array([np.count_nonzero(~np.isfinite(values[:, :, k])) for k in range(values.shape[2])])
+    if not lacking.any():
+        return []
+    slices = np.flatnonzero(lacking)
+    told = f"{100 * lacking.sum() / values.size:.2g} % of the voxels are no numbers (NaN or infinite)"
+    told += f", in {len(slices)} slices, the first {slice_number(int(slices[0]))}; they were read as air"
+    return [Finding("no numbers", told, "warning")]
 
 
 def _damaged(path: Path, kind: str, error: Exception) -> ScanError:

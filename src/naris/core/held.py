@@ -1,0 +1,62 @@
+"""One writer at a time: two runs that write to one folder would mix what they keep."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from naris.errors import InputError
+
+
+@contextmanager
+def held(out: Path) -> Iterator[None]:
+    """Keep other runs of the same user from writing to `out` while the block runs.
+
+    The lock is the operating system's (`flock` on a file in the folder for temporary ones), so that one that was killed
+    leaves nothing that has to be cleaned up, and `out` itself need not be there. Where there is no `flock` (Windows),
+    nothing is held.
+
+    Args:
+        out: a file or folder that a run writes.
+
+    Raises:
+        InputError: if another run holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    name = hashlib.sha256(os.fsencode(out.resolve())).hexdigest()[:16]
+    descriptor = os.open(
+        Path(tempfile.gettempdir()) / f"naris-{os.getuid()}-{name}.lock", os.O_RDWR | os.O_CREAT, 0o600
+    )
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                f"{out} to be written by one run at a time", "another that is writing there", "wait for it to end"
+            ) from None
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def check_reachable(out: Path) -> None:
+    """See that something can be made at `out`, before work is spent on it; nothing is made.
+
+    Raises:
+        InputError: if what is there, or the nearest folder above it, is not a folder or cannot be written to.
+    """
+    nearest = out if out.exists() else next(one for one in out.absolute().parents if one.exists())
+    if nearest == out and not nearest.is_dir():
+        nearest = nearest.absolute().parent
+    if not nearest.is_dir():
+        raise InputError(f"a place to write {out}", f"{nearest}, which is no folder", "give another path")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(f"a place to write {out}", f"{nearest}, where nothing may be written", "give another path")

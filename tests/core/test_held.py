@@ -1,0 +1,55 @@
+"""Two runs never write to one folder, and a killed one leaves nothing in the way."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from naris.core.held import check_reachable, held
+from naris.errors import InputError
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from naris.core.held import held
+with held(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_another_process_is_refused_until_the_first_is_killed(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with subprocess.Popen([sys.executable, "-c", HOLD, str(out)], stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == b"held\n"
+        with pytest.raises(InputError, match="one run at a time"), held(tmp_path / "x" / ".." / "out"):
+            pass
+        with held(tmp_path / "another"):
+            pass
+        other.send_signal(signal.SIGKILL)
+    with held(out):
+        assert not out.exists()
+    with held(out):
+        pass
+
+
+def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) -> None:
+    check_reachable(tmp_path / "a" / "b" / "c.json")
+    assert not (tmp_path / "a").exists()
+    (tmp_path / "file").write_text("")
+    check_reachable(tmp_path / "file")
+    with pytest.raises(InputError, match="no folder"):
+        check_reachable(tmp_path / "file" / "b")
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason="the superuser may write everywhere")
+def test_a_folder_without_permission_is_told(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="nothing may be written"):
+        check_reachable(tmp_path / "a")
