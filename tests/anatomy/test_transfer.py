@@ -70,6 +70,15 @@ def rippled(points: np.ndarray) -> np.ndarray:
     return middle + (points - middle) * (1 + 0.4 * np.sin(y))
 
 
+def test_one_reference_alone_claims_less_than_two_alike() -> None:
+    """It cannot show that borders lie elsewhere in every nose; where its regions are put stays the same."""
+    tube = marked_tube()
+    one = moved(tube, turned).with_(regions={"slabs": SLABS})
+    alone, two = transfer_regions(tube, [one]), transfer_regions(tube, [one, one])
+    assert 0.5 < alone.likely < two.likely - 0.02
+    assert (alone.regions.labels == two.regions.labels)[alone.lumen].mean() > 0.97
+
+
 def test_references_that_contradict_each_other_are_no_use() -> None:
     tube = marked_tube()
     one, other = (tube.with_(regions={"slabs": slabs}) for slabs in (SLABS, OTHERS))

@@ -26,7 +26,7 @@ _UNEVEN, _VERY_UNEVEN = 1.7, 2.5
 _CHILD_MM = 48.0
 _HEIGHT_SHARE = 0.5, 99.5  # percentiles of its nodes: one of them too high does not make a nose higher
 _USUAL_HEIGHT, _POSSIBLE_HEIGHT = (0.6, 0.9), (0.5, 1.0)
-"""Of a nose, as a share of its depth; 0.65 to 0.81 in real and drawn ones, and 1.0 in a real one whose slices are said
+"""Of a nose, as a share of its depth; 0.62 to 0.83 in real and drawn ones, and 1.0 in a real one whose slices are said
 to lie half as far again from each other as they do."""
 _TRUE_DISTANCES = "the header tells the true distances of slices and pixels"
 _ENDS = (("right", "left"), ("front", "back"), ("bottom", "top"))
