@@ -22,6 +22,13 @@ def test_a_plane_across_is_seen_at_its_depth():
     np.testing.assert_allclose(np.linalg.norm(seen.directions, axis=1), 1.0)
 
 
+def test_a_depth_image_without_error_is_no_cloud():
+    """Its rays are known, however sure the distances along them are."""
+    exact = from_depth(np.full((48, 64), 9.0), CAMERA_OF_TESTS, DepthNoise(smooth=0.0, pixel_mm=1e-3))
+    assert not exact.is_cloud
+    assert from_points(exact.directions * exact.ranges[:, None]).is_cloud
+
+
 def test_the_mean_of_a_block_has_less_noise_and_an_edge_is_not_blurred():
     depth = np.full((48, 64), 5.0)
     depth[:, 33:] = 20.0  # within a block: pixels 32 and 33 share it

@@ -1,5 +1,7 @@
 """From what was seen to a pose: right where it can be, refused where it cannot, and the same for every scale."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -135,8 +137,21 @@ def test_orientations_that_cannot_be_are_refused():
 
 
 def test_reasons_name_what_is_wrong():
-    good = Evidence(40.0, 0.2, 0.5, 0.99, 1.0, 0.0, 0.5, 0.01, False, 2.0)
+    good = Evidence(
+        margin=40.0,
+        rough_margin=20.0,
+        sd_mm=0.2,
+        sd_deg=0.5,
+        within=0.99,
+        explained=0.99,
+        misfit=1.0,
+        excess=0.0,
+        agreement=0.5,
+        cloud=False,
+        free=False,
+        clearance_mm=2.0,
+    )
     assert good.refusal(0.95, 0.8) is None
-    assert "another patient" in (Evidence(40.0, 0.2, 0.5, 0.3, 1.0, 0.0, 0.5, 0.01, False, 2.0).refusal(0.9, 0.8) or "")
-    assert "several places" in (Evidence(1.0, 0.2, 0.5, 0.99, 1.0, 0.0, 0.5, 0.4, False, 2.0).refusal(0.4, 0.8) or "")
-    assert "loose" in (Evidence(30.0, 2.5, 9.0, 0.99, 1.0, 0.0, 0.5, 0.0, False, 2.0).refusal(0.4, 0.8) or "")
+    assert "another patient" in (replace(good, explained=0.3).refusal(0.9, 0.8) or "")
+    assert "several places" in (replace(good, margin=1.0).refusal(0.4, 0.8) or "")
+    assert "loose" in (replace(good, sd_mm=2.5, sd_deg=9.0).refusal(0.4, 0.8) or "")

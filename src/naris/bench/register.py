@@ -38,7 +38,7 @@ from naris.register.register import RegisterConfig, register
 from naris.register.solve import coarse
 from naris.register.starts import NOTHING, Belief, Starts, in_region, near
 
-PATIENTS, VIEWS = 20, 5
+PATIENTS, VIEWS = 20, 10
 QUICK_PATIENTS, QUICK_VIEWS = 1, 4
 OF_PATIENTS = ".patients"
 FROM_POSE = RegisterConfig(starts=8, finalists=1)

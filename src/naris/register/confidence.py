@@ -18,15 +18,17 @@ from naris.register.equations import cast
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
 from naris.register.rays import memory_for, prepared
-from naris.register.solve import Solutions
+from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, alike
 
 FITTED = "confidence.json"
-_MOST_MARGIN = 60.0
+_MOST_MARGIN, _MOST_ROUGH = 60.0, 30.0
 _EXPLAINED_SD = 3.0
 _LEAST_EXPLAINED = 0.6
 _SAME_MM, _SAME_RAD = 1.0, 0.09
 _LEAST_COSINE = 0.05
 _LOOSE_MM, _LOOSE_DEG = 1.5, 4.0
+_WITHIN_MM, _WITHIN_RAD = 2.0, np.deg2rad(5.0)
+_DRAWS = 512
 
 
 @dataclass(frozen=True)
@@ -34,25 +36,30 @@ class Evidence:
     """What speaks for and against the best pose.
 
     Attributes:
-        margin: in −2 log likelihood, to the best pose of another basin.
+        margin: in −2 log likelihood, to the best pose of another basin among those that were solved finely.
+        rough_margin: the same among all that were solved coarsely, where the rivals are more and the noise is cruder;
+            negative where the best pose was not the best then, and 0 where no start came near it.
         sd_mm, sd_deg: the largest standard deviations of position and rotation, if the basin is right.
+        within: the chance of 2 mm and 5° by the covariance alone.
         explained: the share of rays within 3 standard deviations of the wall, the smooth error counted as noise.
         misfit: the median of their absolute residuals over what it should be; 1 where the noise is as said.
         excess: how much more the pose costs a ray, with the smooth error estimated, than noise as said would.
         agreement: the share of solutions that ended at the best pose.
-        chance_of_other: likelihood of all other basins over that of all.
+        cloud: whether points were seen, which are off in every direction.
         free: whether the scale was free.
         clearance_mm: of the camera.
     """
 
     margin: float
+    rough_margin: float
     sd_mm: float
     sd_deg: float
+    within: float
     explained: float
     misfit: float
     excess: float
     agreement: float
-    chance_of_other: float
+    cloud: bool
     free: bool
     clearance_mm: float
 
@@ -60,27 +67,34 @@ class Evidence:
     def of(
         at: RegistrationMap,
         observation: Observation,
+        rough: Solutions,
         solutions: Solutions,
         basins: Int[np.ndarray, "m"],
         covariance: Float[np.ndarray, "6 6"],
     ) -> Evidence:
-        """The evidence for the first of the basins."""
+        """The evidence for the first of the basins.
+
+        Args:
+            at, observation: what was registered.
+            rough: the coarse solutions of all starts.
+            solutions: the fine ones, the best first.
+            basins: those of them that are no better one's neighbours.
+            covariance: of the best.
+        """
         above = (solutions.costs[basins] - solutions.costs[0]) * solutions.rays
         pose, scale = solutions.poses[0], float(np.exp(solutions.log_scales[0]))
         explained, misfit, expected = _fit(at, observation, pose, scale)
-        off_mm = np.linalg.norm(solutions.poses[:, :3, 3] - pose[:3, 3], axis=1)
-        cosine = (np.einsum("nij,ij->n", solutions.poses[:, :3, :3], pose[:3, :3]) - 1) / 2
-        same = (off_mm < _SAME_MM) & (cosine > np.cos(_SAME_RAD))
-        odds = np.exp(-0.5 * np.minimum(above[1:], 1e3)).sum()
         return Evidence(
             margin=float(above[1]) if len(above) > 1 else float("inf"),
+            rough_margin=_rough_margin(rough, pose),
             sd_mm=_largest(covariance[:3, :3]),
             sd_deg=float(np.rad2deg(_largest(covariance[3:, 3:]))),
+            within=chance_within(covariance),
             explained=explained,
             misfit=misfit,
             excess=float(solutions.costs[0]) - expected,
-            agreement=float(same.mean()),
-            chance_of_other=float(odds / (1 + odds)),
+            agreement=float(alike(solutions.poses, pose, _SAME_MM, _SAME_RAD).mean()),
+            cloud=observation.is_cloud,
             free=observation.scale.free,
             clearance_mm=float(at.distance(pose[:3, 3])),
         )
@@ -89,18 +103,24 @@ class Evidence:
     def features(self) -> Float[np.ndarray, "f"]:
         """For the regression, each of the order of 1."""
         margin = min(self.margin, _MOST_MARGIN)
+        log_margin = np.log1p(max(margin, 0.0))
         return np.array(
             [
-                np.log1p(max(margin, 0.0)),
+                log_margin,
                 margin / _MOST_MARGIN,
+                np.clip(self.rough_margin, -_MOST_ROUGH, 2 * _MOST_ROUGH) / _MOST_ROUGH,
                 np.log(self.sd_mm + 0.01),
                 np.log(self.sd_deg + 0.1),
+                np.log(self.within / (1 - self.within)),
                 10 * (self.explained - 0.95),
                 np.log(max(self.misfit, 1e-3)),
                 np.clip(self.excess, -0.5, 3.0),
                 self.agreement,
                 float(self.free),
                 min(self.clearance_mm, 4.0),
+                # Beside a cloud, likelihoods are those of another model, and ranges from few points.
+                float(self.cloud),
+                float(self.cloud) * log_margin,
             ]
         )
 
@@ -125,19 +145,32 @@ class Evidence:
 
 def probability(evidence: Evidence) -> float:
     """Of being within 2 mm and 5° of the truth, in an anatomy and with noise as in the simulated trials."""
-    fitted = _fitted()
-    if fitted is None:
-        return 1.0 - evidence.chance_of_other
-    weights, bias = fitted
+    weights, bias = _fitted()
     return float(1 / (1 + np.exp(-np.clip(evidence.features @ weights + bias, -30, 30))))
 
 
+def chance_within(covariance: Float[np.ndarray, "6 6"]) -> float:
+    """Of 2 mm and 5° where twists (mm, rad) are normal with that covariance; never quite 0 or 1."""
+    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(6))
+    twists = np.random.default_rng(0).standard_normal((_DRAWS, 6)) @ root.T
+    is_within = (np.linalg.norm(twists[:, :3], axis=1) <= _WITHIN_MM) & (
+        np.linalg.norm(twists[:, 3:], axis=1) <= _WITHIN_RAD
+    )
+    return float((is_within.sum() + 0.5) / (_DRAWS + 1))
+
+
+def _rough_margin(rough: Solutions, pose: Float[np.ndarray, "4 4"]) -> float:
+    here = alike(rough.poses, pose, BASIN_MM, BASIN_RAD)
+    if not here.any():
+        return 0.0
+    if here.all():
+        return _MOST_MARGIN
+    return float(rough.costs[~here].min() - rough.costs[here].min()) * rough.rays
+
+
 @lru_cache(maxsize=1)
-def _fitted() -> tuple[Float[np.ndarray, "f"], float] | None:
-    file = resources.files("naris.register").joinpath(FITTED)
-    if not file.is_file():
-        return None
-    told = json.loads(file.read_text(encoding="utf-8"))
+def _fitted() -> tuple[Float[np.ndarray, "f"], float]:
+    told = json.loads(resources.files("naris.register").joinpath(FITTED).read_text(encoding="utf-8"))
     return np.array(told["weights"]), float(told["bias"])
 
 

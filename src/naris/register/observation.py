@@ -130,6 +130,7 @@ class Observation:
         scale: what is known of the unit.
         normals: (N, 3) unit, of the wall towards the camera, in the rig; None where they are not known.
         normals_rad: their standard deviation.
+        is_cloud: whether these are points, off in every direction, and not distances along rays that are known.
     """
 
     origins: Float[np.ndarray, "n 3"]
@@ -144,6 +145,7 @@ class Observation:
     scale: Scale = KNOWN
     normals: Float[np.ndarray, "n 3"] | None = None
     normals_rad: float = np.inf
+    is_cloud: bool = False
 
     def __len__(self) -> int:
         return len(self.ranges)
@@ -292,6 +294,7 @@ def from_sightings(
             scale=scale,
             normals=None if normals is None else _towards_camera(points - origins, normals),
             normals_rad=np.inf if normals is None else float(np.deg2rad(noise.normals_deg)),
+            is_cloud=True,
         )
     )
 
@@ -303,7 +306,7 @@ def together(observations: Sequence[Observation], rig_T_camera: Pose) -> Observa
 
     Raises:
         PoseError: if there is not one pose from the camera for each observation.
-        InputError: if they differ in scale or smooth error.
+        InputError: if they differ in kind, scale or smooth error.
     """
     if rig_T_camera.shape != (len(observations),) or rig_T_camera.source != CAMERA:
         raise PoseError(
@@ -311,7 +314,8 @@ def together(observations: Sequence[Observation], rig_T_camera: Pose) -> Observa
             f"{rig_T_camera.shape} {rig_T_camera.target}_T_{rig_T_camera.source}",
             "stack them in the order of the observations",
         )
-    if len({(o.scale, o.smooth, o.reach_deg, o.views) for o in observations}) != 1 or observations[0].views != 1:
+    kinds = {(o.is_cloud, o.scale, o.smooth, o.reach_deg, o.views) for o in observations}
+    if len(kinds) != 1 or observations[0].views != 1:
         raise InputError("single views of one scale and one kind of noise", "several", "observe them alike")
     origins, directions, view, normals = [], [], [], []
     for number, (one, rotation, position) in enumerate(

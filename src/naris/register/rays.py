@@ -56,8 +56,7 @@ def prepared(at: RegistrationMap, observation: Observation, *, fine: bool, latti
         lattice: for that, have the rays of a lattice; else those of the points, for others to compare.
     """
     has_field = fine and observation.smooth > 0
-    is_cloud = bool(observation.isotropic.mean() > observation.radial.mean())
-    if fine and is_cloud and lattice:
+    if fine and observation.is_cloud and lattice:
         around = lattice_of(observation)
         ones = np.ones(len(around.directions))
         rays = rays_of(around.origins, around.directions, ones, ones, ones, None, around.view)
@@ -73,7 +72,7 @@ def prepared(at: RegistrationMap, observation: Observation, *, fine: bool, latti
         field,
         observation.view,
     )
-    kind = ON_RAY if is_cloud and not observation.scale.free else RANGES
+    kind = ON_RAY if observation.is_cloud and not observation.scale.free else RANGES
     model = _model(at, observation, kind, 0 if field is None else len(field.precision))
     return Prepared(rays, model, no_cloud(), len(observation))
 

@@ -14,11 +14,10 @@ from naris.register.confidence import Evidence, probability
 from naris.register.finish import by_points
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
-from naris.register.solve import Solutions, coarse, different, fine
+from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, coarse, different, fine
 from naris.register.starts import NOTHING, Belief, Starts, find_starts
 
 _ALTERNATIVES = 4
-_BASIN_MM, _BASIN_RAD = 2.0, 0.15
 _LEAST_CHANCE = 1e-3
 
 
@@ -74,7 +73,7 @@ def register(
         solutions = fine(at, observation, finalists)
     else:
         solutions = by_points(at, observation, finalists, config.method)
-    return _chosen(at, observation, _with_belief(solutions, belief), config)
+    return _chosen(at, observation, rough, _with_belief(solutions, belief), config)
 
 
 def _with_belief(solutions: Solutions, belief: Belief) -> Solutions:
@@ -89,12 +88,12 @@ def _with_belief(solutions: Solutions, belief: Belief) -> Solutions:
 
 
 def _chosen(
-    at: RegistrationMap, observation: Observation, solutions: Solutions, config: RegisterConfig
+    at: RegistrationMap, observation: Observation, rough: Solutions, solutions: Solutions, config: RegisterConfig
 ) -> Registration:
-    basins = different(solutions, _ALTERNATIVES, _BASIN_MM, _BASIN_RAD)
+    basins = different(solutions, _ALTERNATIVES, BASIN_MM, BASIN_RAD)
     poses = Pose(solutions.poses[basins], at.anatomy.frame, CAMERA)
     covariance = _covariance(solutions, 0)
-    evidence = Evidence.of(at, observation, solutions, basins, covariance)
+    evidence = Evidence.of(at, observation, rough, solutions, basins, covariance)
     chance = probability(evidence)
     reason = evidence.refusal(chance, config.least_probability)
     return Registration(

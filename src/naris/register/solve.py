@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from naris.register.equations import MOST_UNKNOWNS, Model
 from naris.register.map import RegistrationMap
@@ -19,6 +19,8 @@ COARSE_RAYS = 256
 COARSE = Schedule(np.array([4.0, 1.0]), np.array([6, 6]))
 FINE = Schedule(np.array([1.0]), np.array([15]))
 AS_THEY_ARE = Schedule(np.array([1.0]), np.array([0]))
+BASIN_MM, BASIN_RAD = 2.0, 0.15
+"""Poses further apart than either of these are different answers."""
 _COARSE_OUTLIERS = 0.1
 _SAME_MM, _SAME_RAD = 0.5, 0.07
 
@@ -104,10 +106,17 @@ def different(
     chosen: list[int] = []
     for k in range(len(solutions)):
         pose, others = solutions.poses[k], solutions.poses[chosen]
-        off_mm = np.linalg.norm(others[:, :3, 3] - pose[:3, 3], axis=1)
-        cosine = (np.einsum("nij,ij->n", others[:, :3, :3], pose[:3, :3]) - 1) / 2
-        if not ((off_mm <= apart_mm) & (cosine >= np.cos(apart_rad))).any():
+        if not alike(others, pose, apart_mm, apart_rad).any():
             chosen.append(k)
         if len(chosen) == most:
             break
     return np.array(chosen, dtype=np.int64)
+
+
+def alike(
+    poses: Float[np.ndarray, "n 4 4"], pose: Float[np.ndarray, "4 4"], apart_mm: float, apart_rad: float
+) -> Bool[np.ndarray, "n"]:
+    """Which of them are within both distances of a pose."""
+    off_mm = np.linalg.norm(poses[:, :3, 3] - pose[:3, 3], axis=1)
+    cosine = (np.einsum("nij,ij->n", poses[:, :3, :3], pose[:3, :3]) - 1) / 2
+    return np.asarray((off_mm <= apart_mm) & (cosine >= np.cos(apart_rad)))

@@ -1,0 +1,51 @@
+"""What speaks for a pose: the chance that a covariance leaves it, and rivals among all that was tried."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from naris.bench.trials import drawn_trials
+from naris.core.pose import CAMERA, Pose
+from naris.register import confidence
+from naris.register.confidence import chance_within
+from naris.register.register import RegisterConfig, register
+from naris.register.starts import NOTHING, near
+
+
+def loose_by(sd_mm: float, sd_deg: float) -> np.ndarray:
+    return np.diag([sd_mm**2] * 3 + [np.deg2rad(sd_deg) ** 2] * 3)
+
+
+@pytest.mark.parametrize(("sd_mm", "sd_deg"), [(0.5, 1.0), (1.0, 1.0), (0.3, 2.5), (1.2, 3.0), (3.0, 1.0)])
+def test_the_chance_by_the_covariance_is_that_of_two_chi_squared(sd_mm: float, sd_deg: float) -> None:
+    expected = chi2.cdf((2.0 / sd_mm) ** 2, 3) * chi2.cdf((5.0 / sd_deg) ** 2, 3)
+    assert chance_within(loose_by(sd_mm, sd_deg)) == pytest.approx(expected, abs=0.05)
+
+
+def test_it_is_never_sure_and_does_not_depend_on_the_axes() -> None:
+    assert 0.99 < chance_within(loose_by(0.01, 0.01)) < 1
+    assert 0 < chance_within(loose_by(50.0, 90.0)) < 0.01
+    one_axis = np.diag([4.0, 0.01, 0.01, 1e-6, 1e-6, 1e-6])
+    others = np.diag([0.01, 4.0, 0.01, 1e-6, 1e-6, 1e-6])
+    assert chance_within(one_axis) == pytest.approx(chance_within(others), abs=0.05)
+
+
+def test_rivals_are_sought_among_all_that_was_tried(prepared_nose, monkeypatch) -> None:
+    """From nothing there are some; begun beside the truth alone there is none."""
+    kept = []
+    monkeypatch.setattr("naris.register.register.probability", lambda evidence: kept.append(evidence) or 0.5)
+    trial = drawn_trials(prepared_nose.anatomy, 1, 5)[0]
+    seen = trial.observation("a")
+    register(prepared_nose, seen, NOTHING, RegisterConfig(seed=0))
+    tight = np.diag([0.01] * 3 + [1e-4] * 3)
+    beside = Pose(trial.anatomy_T_camera.matrix[None], prepared_nose.anatomy.frame, CAMERA)
+    register(prepared_nose, seen, near(beside, tight[None]), RegisterConfig(starts=6, finalists=2))
+    from_nothing, from_truth = kept
+    assert 0 < from_nothing.rough_margin < np.inf
+    assert from_nothing.margin > 0
+    assert from_truth.rough_margin == confidence._MOST_MARGIN
+    assert (from_nothing.cloud, from_nothing.free) == (False, False)
+    assert np.isfinite(from_nothing.features).all()
+    assert np.isfinite(from_truth.features).all()
