@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from naris.airway.fitness import METAL_HU, Fitness, inspect_scan
+from naris.airway.fitness import METAL_HU, Fitness, inspect_scan, look_at
 from naris.core.volume import Volume
 from naris.ct.scan import Scan
 from tests import simulated_head
@@ -65,3 +65,11 @@ def test_a_real_sinus_scan_with_a_closed_mouth(shared_data) -> None:
     assert found.usable
     assert not codes(found) & {"coarse slices", "open mouth"}
     assert found.reach_mm["behind"] > 70
+
+
+def test_pixels_that_are_not_square_are_told(scan: Scan) -> None:
+    """One axis of the slices halved in the header, as a field of the spacing that was mistyped."""
+    matrix = np.diag([0.6, 1.0, 1.0, 1.0]) @ scan.volume.frame_T_index
+    matrix[:3, 2] *= 1.5
+    assert "pixels" in {one.code for one in look_at(replace(scan, volume=Volume(scan.volume.hu, matrix))).findings}
+    assert "pixels" not in {one.code for one in look_at(scan).findings}

@@ -50,7 +50,7 @@ def test_pictures_when_asked_of_those_that_are_there_too(
         page = (tmp_path / "a" / f"{number:04d}" / "anatomy.html").read_text()
         assert f"virtual patient {number} of seed 0" in page
         assert "no face crosses another" in page
-    assert load_anatomy(str(tmp_path / "a" / "0001")).name == "virtual patient 1 of seed 0"
+    assert load_anatomy(str(tmp_path / "a" / "0001")).name == "virtual patient 1 of seed 0, like a winding tube"
 
 
 def test_a_folder_with_something_else_is_left_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

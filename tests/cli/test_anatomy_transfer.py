@@ -83,3 +83,25 @@ def test_what_cannot_be_is_refused_in_one_sentence(
     assert says in said.err
     assert said.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_regions_of_its_own_are_not_written_over_and_a_second_run_does_nothing(
+    bare: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "own"
+    save_anatomy(marked_tube().with_(regions={"slabs": OTHERS}), own)
+    before = (own / "anatomy.json").read_bytes()
+    given = ["--reference", str(reference(tmp_path)), "--quiet"]
+    assert main(["anatomy", "transfer", str(own), "-o", str(own), *given]) == 2
+    assert "which has its own" in capfd.readouterr().err
+    assert (own / "anatomy.json").read_bytes() == before
+    out = tmp_path / "copy"
+    assert main(["anatomy", "transfer", str(own), "-o", str(out), *given]) == 0
+    assert "instead of regions slabs that the anatomy had" in capfd.readouterr().out
+    made = {path: path.stat().st_mtime_ns for path in out.iterdir()}
+    assert main(["anatomy", "transfer", str(own), "-o", str(out), *given]) == 0
+    assert "nothing was done" in capfd.readouterr().out
+    assert {path: path.stat().st_mtime_ns for path in out.iterdir()} == made
+    (out / "anatomy.html").unlink()
+    assert main(["anatomy", "transfer", str(out), "-o", str(out), *given]) == 0
+    assert (out / "anatomy.html").is_file()

@@ -247,3 +247,9 @@ def test_a_damaged_file_is_read_or_refused_and_nothing_else(
     with warnings.catch_warnings(), contextlib.suppress(ScanError):
         warnings.simplefilter("ignore")
         read_dicom(folder)
+
+
+def test_a_folder_with_a_scan_that_is_no_dicom_is_told_to_give_the_file(tmp_path: Path) -> None:
+    (tmp_path / "scan.nrrd").write_bytes(b"NRRD0004")
+    with pytest.raises(ScanError, match=r"give the file itself, such as scan\.nrrd"):
+        read_dicom(tmp_path)

@@ -131,7 +131,7 @@ def test_real_valued_scans_are_rounded_and_kept_in_range(tmp_path: Path) -> None
     hu[0, 0, 0], hu[1, 0, 0] = 1e9, np.nan
     path = write(tmp_path / "a.nii.gz", hu, affine(1))
     values = read_file(path).volume.hu
-    assert values[0, 0, 0] == 32767 and values[1, 0, 0] == -32768
+    assert values[0, 0, 0] == 32767 and values[1, 0, 0] == -1024
     np.testing.assert_array_equal(values[2:], grid()[2:])
 
 
@@ -183,10 +183,12 @@ def test_files_that_break_off(name: str, share: float, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a.nii.gz", "a.nrrd", "a.mha"])
 def test_voxels_that_are_no_numbers_are_counted(name: str, tmp_path: Path) -> None:
     hu = np.full((12, 10, 8), 40.0, np.float32)
-    hu[:6, :, 5:7] = np.nan
+    hu[:3, :, 5:7] = np.nan
     told = {one.code: one for one in read_file(write(tmp_path / name, hu, np.eye(4))).findings}
     assert told["no numbers"].weight == "warning"
-    assert told["no numbers"].text.startswith("12 % of the voxels")  # 120 of 960
-    assert "2 slices, the first slice 5" in told["no numbers"].text
+    assert told["no numbers"].text.startswith("6.2 % of the voxels")  # 60 of 960
+    hu[:, :, 4] = np.nan
+    with pytest.raises(ScanError, match="1 of 8 slices without, the first slice 4"):
+        read_file(write(tmp_path / name, hu, np.eye(4)))
     hu[:] = 40.0
     assert "no numbers" not in {one.code for one in read_file(write(tmp_path / name, hu, np.eye(4))).findings}

@@ -23,7 +23,7 @@ def test_a_cut_has_the_wall_where_it_is_and_the_regions_inside() -> None:
     assert abs(np.ptp(rows) * 0.2 - 2 * RADIUS_MM) < 1.5
     # From front to back the four regions follow each other, the first on the left.
     colours = region_colours(SLABS.names).astype(int)
-    tinted = 0.55 * 40 + 0.45 * colours
+    tinted = 0.25 * 40 + 0.75 * colours
     seen = []
     for k in range(4):
         of_region = np.abs(sagittal.image.astype(int) - tinted[k]).sum(axis=2) < 20

@@ -23,6 +23,7 @@ STEP_MM = 0.8
 METAL_HU = 2800
 _METAL_ML = 0.02
 _COARSE_MM = 1.6
+_SQUARE = 1.02
 _NEEDED_MM = {"behind": 85.0, "above": 40.0, "below": 12.0, "left": 20.0, "right": 20.0}
 """How far beyond the tip of the nose a whole nasal cavity reaches, to its choanae, roof, nostrils and either side."""
 _PALATE_MM = 5.0
@@ -98,7 +99,7 @@ def look_at(scan: Scan, airway: Airway | None = None) -> Look:
         scan: as it was read.
         airway: what was found in it, if anything.
     """
-    findings = [*scan.findings, *_coarse(scan)]
+    findings = [*scan.findings, *_coarse(scan), *_uneven(scan.volume)]
     metal_ml, highest_mm = _metal(scan.volume)
     try:
         if airway is None:
@@ -129,6 +130,15 @@ def _coarse(scan: Scan) -> list[Finding]:
         return []
     told = f"slices {scan.slice_mm:.2g} mm apart: slits thinner than that close, and walls merge"
     return [Finding("coarse slices", told, "warning")]
+
+
+def _uneven(volume: Volume) -> list[Finding]:
+    """Where no two axes have one spacing: the pixels of CT slices are square."""
+    low, middle, high = sorted(volume.spacing_mm.tolist())
+    if middle <= _SQUARE * low or high <= _SQUARE * middle:
+        return []
+    told = "×".join(f"{mm:.3g}" for mm in volume.spacing_mm)
+    return [Finding("pixels", f"voxels of {told} mm: the pixels of a CT are square; is a spacing wrong?", "warning")]
 
 
 def _metal(volume: Volume) -> tuple[float, float]:

@@ -23,6 +23,7 @@ from naris.anatomy.read import READERS, read_surface
 from naris.anatomy.regions import even_slabs, read_regions, regions_from_json, regions_to_json, whole
 from naris.core.anatomy import Airspace, Anatomy, Between, Enclosed, Entrance, Passage, RegionSet
 from naris.core.atomic import write_bytes, write_json
+from naris.ct.scan import SCAN_FILES
 from naris.errors import ConfigurationChanged, RegionError, SurfaceError
 
 log = logging.getLogger(__name__)
@@ -147,7 +148,7 @@ def load_anatomy(
         raise SurfaceError(
             f"the word {BUILTIN}, a folder with {DESCRIPTION}, or a surface file ({', '.join(READERS)})",
             repr(str(what)),
-            "check the path",
+            "make one with naris anatomy from-ct" if str(what).lower().endswith(SCAN_FILES) else "check the path",
         )
     anatomy = _with_regions(anatomy, regions)
     if passages and not anatomy.passages:

@@ -153,7 +153,7 @@ class GaussianProcess:
                 nose = carried_along(
                     self.anatomy,
                     vertices,
-                    f"virtual patient {number} of seed {seed}",
+                    f"virtual patient {number} of seed {seed}, like {self.anatomy.name}",
                     f"{self.anatomy.name} under a Gaussian process of {d.amplitude_mm:g} mm over {d.scale_mm:g} mm"
                     + (
                         f", asymmetry {d.asymmetry:g}, nasal cycle {cycle * d.cycle_mm:+.2f} mm on the left"

@@ -96,7 +96,7 @@ class ShapeModel:
                 nose = carried_along(
                     self.mean,
                     vertices,
-                    f"virtual patient {number} of seed {seed}",
+                    f"virtual patient {number} of seed {seed}, of a shape model",
                     f"a shape model of {self.patients} patients at {at}",
                 )
             except PoseError:

@@ -10,7 +10,7 @@ from typing import Any
 from naris.anatomy.builtin import NORMAL_RANGES, NoseParameters, built_in_nose
 from naris.anatomy.folder import BUILTIN, DESCRIPTION, SLABS, load_anatomy
 from naris.anatomy.read import READERS
-from naris.cli.anatomy_from_ct import RECORD
+from naris.cli.anatomy_from_ct import NOTHING_UNUSUAL, RECORD
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.errors import InputError
 
@@ -53,7 +53,7 @@ def findings_in(folder: Path) -> str | None:
         return None
     try:
         found = json.loads(record.read_text(encoding="utf-8"))["found"]["findings"]
-        return "; ".join(f"{one['weight']}: {one['text']}" for one in found)
+        return "; ".join(f"{one['weight']}: {one['text']}" for one in found) or NOTHING_UNUSUAL
     except (ValueError, KeyError, TypeError):
         return None
 

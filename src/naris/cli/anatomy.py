@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from naris.core.anatomy import Anatomy, Passage
 
 PICTURE = "anatomy.html"
+_ENDS_MM = 3.0
 
 
 @dataclass(frozen=True)
@@ -122,9 +123,18 @@ def _passage(passage: Passage) -> dict[str, Any]:
     return {
         "name": passage.name,
         "length_mm": round(passage.length_mm, 1),
-        "clearance_least_mm": round(float(passage.clearance_mm.min()), 2),
+        "clearance_least_mm": round(float(_on_the_way(passage).min()), 2),
         "clearance_most_mm": round(float(passage.clearance_mm.max()), 2),
     }
+
+
+def _on_the_way(passage: Passage) -> Any:
+    """The clearance but for the first and the last millimetres, where a surface ends and closes the way."""
+    import numpy as np
+
+    along = np.linspace(0, passage.length_mm, len(passage.clearance_mm))
+    inner = (along >= _ENDS_MM) & (along <= passage.length_mm - _ENDS_MM)
+    return passage.clearance_mm[inner] if inner.any() else passage.clearance_mm
 
 
 def _facts(data: dict[str, Any]) -> dict[str, str]:

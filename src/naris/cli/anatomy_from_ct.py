@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 SEGMENTATION, PICTURE, RECORD = "segmentation.seg.nrrd", "anatomy.html", "from_ct.json"
 SCHEMA = "naris.from-ct/1"
+NOTHING_UNUSUAL = "nothing unusual was noticed"
 NO_AIRWAY = 1
 
 
@@ -44,7 +45,7 @@ def run(options: Options, console: Console) -> int:
     """Reads, segments, makes the surface and keeps all of it; exit status 1 where there is no usable airway."""
     from naris.airway.fitness import look_at
     from naris.airway.turned import airway_in
-    from naris.anatomy.folder import check_folder
+    from naris.anatomy.folder import check_folder, source_in
     from naris.anatomy.scanned import anatomy_of_airway
     from naris.ct.read import read_scan
     from naris.errors import PoseError, ScanError, SurfaceError
@@ -61,6 +62,7 @@ def run(options: Options, console: Console) -> int:
         console.answer(earlier, f"{_text(earlier)}\nit was there already, of these settings; nothing was done")
         return 0
     _check_same(scan, options.out)
+    replaced = source_in(options.out)
     with console.progress.task("anatomy", 3) as advance:
         try:
             airway = airway_in(scan.volume, [options.step_mm])
@@ -78,8 +80,9 @@ def run(options: Options, console: Console) -> int:
         found = _describe(made, airway, findings)
         _keep(made, airway, {"schema": SCHEMA, "settings": settings, "found": found}, options.out)
         advance(1)
-    data = found | _places(options.out, already=False)
-    console.answer(data, _text(data))
+    data = found | _places(options.out, already=False, replaced=replaced)
+    told = [] if replaced is None else [f"instead of an earlier one of the same scan: {replaced}"]
+    console.answer(data, "\n".join([_text(data), *told]))
     return 0
 
 
@@ -173,9 +176,11 @@ def _earlier(settings: dict[str, Any], folder: Path) -> dict[str, Any] | None:
     return found | _places(folder, already=True) if found is not None and whole else None
 
 
-def _places(folder: Path, *, already: bool) -> dict[str, Any]:
+def _places(folder: Path, *, already: bool, replaced: str | None = None) -> dict[str, Any]:
+    from naris.anatomy.folder import region_sets_in
+
     kept = {"folder": folder, "segmentation": folder / SEGMENTATION, "picture": folder / PICTURE}
-    return kept | {"already": already}
+    return kept | {"already": already, "replaced": replaced, "region_sets": list(region_sets_in(folder))}
 
 
 def _values(scan: Scan) -> str:
@@ -217,8 +222,7 @@ def _write_picture(made: ScannedAnatomy, airway: Airway, data: dict[str, Any], f
         "from": data["source"],
         "air": ", ".join(f"{name} {ml:.1f} ml" for name, ml in data["volume_ml"].items() if ml),
         "surface": f"{data['faces']:,} faces, closed, genus {data['genus']}",
-        "to know": "; ".join(f"{one['weight']}: {one['text']}" for one in data["findings"])
-        or "nothing unusual was noticed",
+        "to know": "; ".join(f"{one['weight']}: {one['text']}" for one in data["findings"]) or NOTHING_UNUSUAL,
     }
     write_text(folder / PICTURE, anatomy_page(made.anatomy, made.anatomy.region_set().name, facts, airway.block))
 
@@ -228,8 +232,7 @@ def _text(data: dict[str, Any]) -> str:
     lines += [f"  {name:<24}{ml:6.1f} ml" for name, ml in data["volume_ml"].items() if ml]
     lines.append(f"  surface   {data['faces']:,} faces, closed, genus {data['genus']}")
     lines += [f"  {one['weight']}: {one['text']}" for one in data["findings"]]
-    lines.append(
-        f"  regions   the paper's four slabs; for anatomical ones: naris anatomy transfer {data['folder']} -o DIR"
-    )
+    hint = f"the paper's four slabs; for anatomical ones: naris anatomy transfer {data['folder']} -o DIR"
+    lines.append(f"  regions   {hint if len(data['region_sets']) < 2 else ', '.join(data['region_sets'])}")
     lines.append(f"kept in {data['folder']}, picture in {data['picture']}, for 3D Slicer {data['segmentation']}")
     return "\n".join(lines)

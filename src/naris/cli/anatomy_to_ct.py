@@ -86,7 +86,11 @@ def _is_file(out: Path) -> bool:
     """
     suffix = out.suffix.lower()
     if suffix in _OTHER_FILES:
-        raise InputError(f"a file whose name ends in {NRRD}, or a folder", out.name, f"name it {out.stem}{NRRD}")
+        raise InputError(
+            f"a file whose name ends in {NRRD}, or a folder",
+            out.name,
+            f"name it {out.stem.removesuffix('.nii')}{NRRD}",
+        )
     if suffix == NRRD and out.exists():
         raise InputError(f"a new file at {out}", "one that is there", "name another")
     return suffix == NRRD

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from naris.anatomy.transfer import Transfer
     from naris.core.anatomy import Anatomy
 
-PICTURE = "anatomy.html"
+PICTURE, RECORD = "anatomy.html", "transfer.json"
+SCHEMA = "naris.transfer/1"
 UNSURE = 1
 _VIRTUAL = 12
 
@@ -38,12 +39,17 @@ class Options:
 
 
 def run(options: Options, console: Console) -> int:
-    """Lays the references on the anatomy and keeps it with its regions; exit status 1 where these are not sure."""
+    """Lays the references on the anatomy and keeps it with its regions; exit status 1 where these are not sure.
+
+    A second run of the same anatomy and references finds its own record and does nothing.
+    """
     from naris.airway.cut import carry_cut
+    from naris.anatomy.builtin.regions import ANATOMICAL
     from naris.anatomy.correspondence import check_laid
     from naris.anatomy.folder import check_folder, check_replaces, save_anatomy
     from naris.anatomy.transfer import transfer_regions, virtual_references
     from naris.cli.anatomies import findings_in, folder_of, open_anatomy
+    from naris.core.atomic import write_json
 
     if options.reference:
         refuse(options, ("virtual",), "without --reference", _references(len(options.reference)))
@@ -53,11 +59,17 @@ def run(options: Options, console: Console) -> int:
     target, _ = open_anatomy(options.anatomy)
     check_replaces(target.source, options.out)
     check_laid(target)
-    if options.reference:
-        references = [open_anatomy(one, options.regions)[0] for one in options.reference]
-    else:
-        count = options.virtual or _VIRTUAL
-        references = []
+    references, count = (
+        [open_anatomy(one, options.regions)[0] for one in options.reference],
+        options.virtual or _VIRTUAL,
+    )
+    name = options.regions or (references[0].region_set().name if references else ANATOMICAL)
+    settings = _settings(target, name, [one.digest for one in references] or count)
+    if (earlier := _earlier(settings, options.out)) is not None:
+        console.answer(earlier, f"{_text(earlier)}\nit was there already, of these references; nothing was done")
+        return 0
+    _check_not_its_own(target, name, folder_of(options.anatomy), options.out)
+    if not references:
         with console.progress.task("virtual noses", count) as advance:
             for nose in virtual_references(count):
                 references.append(nose)
@@ -69,10 +81,12 @@ def run(options: Options, console: Console) -> int:
         return UNSURE
     others = {name: one for name, one in target.regions.items() if name != found.regions.name}
     made = target.with_(regions={found.regions.name: found.regions, **others})
+    (options.out / RECORD).unlink(missing_ok=True)
     save_anatomy(made, options.out)
     carry_cut(made.source, folder_of(options.anatomy), options.out)
     _write_picture(made, data, options.out, findings_in(folder_of(options.anatomy)))
-    data |= {"folder": options.out, "picture": options.out / PICTURE}
+    write_json(options.out / RECORD, {"schema": SCHEMA, "settings": settings, "found": data})
+    data |= _places(options.out, already=False)
     console.answer(data, f"{_text(data)}\nkept in {options.out}, picture in {options.out / PICTURE}")
     return 0
 
@@ -80,6 +94,52 @@ def run(options: Options, console: Console) -> int:
 def interrupted(options: Options) -> str:
     """What a user who stopped it should know."""
     return "nothing was kept; run the same command again"
+
+
+def _settings(target: Anatomy, name: str, references: list[str] | int) -> dict[str, Any]:
+    """All that decides what is carried: digests of given references, or the number of virtual noses."""
+    import naris
+
+    return {"naris": naris.__version__, "anatomy": target.digest, "regions": name, "references": references}
+
+
+def _earlier(settings: dict[str, Any], folder: Path) -> dict[str, Any] | None:
+    """What an earlier run of the same settings answered, where the anatomy that it kept is still there."""
+    import json
+
+    from naris.anatomy.folder import load_anatomy
+    from naris.errors import NarisError
+
+    try:
+        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        if (record["schema"], record["settings"]) != (SCHEMA, settings) or not (folder / PICTURE).is_file():
+            return None
+        kept = load_anatomy(folder, passages=False)
+        found = dict(record["found"])
+    except (OSError, ValueError, LookupError, TypeError, NarisError):
+        return None  # nothing, or what was changed by hand: it is made anew
+    is_whole = kept.digest == settings["anatomy"] and settings["regions"] in kept.regions
+    return found | _places(folder, already=True) if is_whole else None
+
+
+def _check_not_its_own(target: Anatomy, name: str, where: Path, out: Path) -> None:
+    """See that regions which are an anatomy's own, as those of a virtual patient, are not written over.
+
+    Raises:
+        ConfigurationChanged: if they would be.
+    """
+    from naris.errors import ConfigurationChanged
+
+    if name in target.regions and out.resolve() == where.resolve() and not (out / RECORD).is_file():
+        raise ConfigurationChanged(
+            f"an anatomy without regions {name} in {out}",
+            f"{target.name}, which has its own",
+            "keep those, or give another folder",
+        )
+
+
+def _places(folder: Path, *, already: bool) -> dict[str, Any]:
+    return {"folder": folder, "picture": folder / PICTURE, "already": already}
 
 
 def _describe(target: Anatomy, found: Transfer) -> dict[str, Any]:
@@ -93,6 +153,7 @@ def _describe(target: Anatomy, found: Transfer) -> dict[str, Any]:
         "anatomy": target.name,
         "usable": found.usable,
         "region_set": found.regions.name,
+        "instead_of_its_own": found.regions.name in target.regions,
         "likely": round(found.likely, 3),
         "regions": {
             name: {
@@ -117,6 +178,8 @@ def _text(data: dict[str, Any]) -> str:
         f"  {_references(len(data['references']))}; "
         f"{best['name']} lies nearest, {best['off_mm']:.2f} mm off on average",
     ]
+    if data["instead_of_its_own"]:
+        lines.append(f"  instead of regions {data['region_set']} that the anatomy had")
     for name, one in data["regions"].items():
         sure = "not there" if one["sure"] is None else f"{one['volume_ml']:5.1f} ml, {100 * one['sure']:.0f} % sure"
         lines.append(f"  {name:<44}{sure}")

@@ -47,6 +47,8 @@ def start(words: Sequence[str], flags: set[str], verbs: Mapping[str, Verb]) -> i
         name = next((first for count in (2, 1) if (first := " ".join(words[:count])) in verbs), None)
         if name is None:
             raise InputError(_unknown(words, verbs))
+        if len(words) > 1 and name == words[0] and (near := _near_sub(words, verbs)):
+            raise InputError(f"there is no verb {' '.join(words[:2])!r}; did you mean {near}? naris --help lists them")
         module = importlib.import_module(verbs[name].module)
         outcome.verb = module
         outcome.options = _options(module, name, words[len(name.split()) :])
@@ -117,6 +119,15 @@ class _Outcome:
         print(f"naris: {message}", file=sys.stderr, flush=True)
         if self._console.json and not self._console.answered:
             print(to_json({"error": {"kind": kind, "message": message}}), file=self._console.out, flush=True)
+
+
+def _near_sub(words: Sequence[str], verbs: Mapping[str, Verb]) -> str | None:
+    """The verb of two words that was meant by one that is nothing else either."""
+    several = [verb for verb in verbs if verb.startswith(f"{words[0]} ")]
+    if words[1].startswith("-") or os.path.exists(words[1]):  # noqa: PTH110
+        return None
+    near = difflib.get_close_matches(" ".join(words[:2]), several, n=1, cutoff=0.85)
+    return near[0] if near else None
 
 
 def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:

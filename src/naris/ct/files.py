@@ -63,8 +63,8 @@ def read_file(path: Path) -> Scan:
         raise _damaged(path, kind, error) from error
     except (nrrd.NRRDError, nibabel.filebasedimages.ImageFileError, nibabel.spatialimages.HeaderDataError) as error:
         raise _damaged(path, kind, error) from error
+    findings += _no_numbers(values, path)
     volume = Volume(_as_hu(values), matrix)
-    findings += _no_numbers(values)
     slice_mm = float(volume.spacing_mm.max())
     for axis in sorted({_LAST_AXIS, _slice_axis(volume)}):
         findings += check_continuity(volume.hu, axis)
@@ -85,6 +85,8 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
         logger.disabled = before
 
 
+_LACKING = 0.5  # of a slice
+_BEYOND_HU = -1024  # as air, and as what scanners put beside the picture
 _LAST_AXIS = 2
 """Along which programs that turn DICOM into files put the slices, however thin these are."""
 
@@ -239,21 +241,30 @@ def _as_hu(values: Num[np.ndarray, "ni nj nk"]) -> Int16[np.ndarray, "ni nj nk"]
     out = np.empty(values.shape, np.int16, order="F" if values.flags.f_contiguous else "C")
     for k in range(values.shape[2]):  # slice by slice: several copies of a whole scan do not fit everywhere
         real = values[:, :, k].astype(np.float64)
-        finite = np.nan_to_num(real, nan=limits.min, posinf=limits.max, neginf=limits.min)
+        finite = np.nan_to_num(real, nan=_BEYOND_HU, posinf=limits.max, neginf=limits.min)
         out[:, :, k] = np.rint(np.clip(finite, limits.min, limits.max))
     return out
 
 
-def _no_numbers(values: Num[np.ndarray, "ni nj nk"]) -> list[Finding]:
-    """A warning where voxels are no numbers, which were read as what stands beyond the picture."""
+def _no_numbers(values: Num[np.ndarray, "ni nj nk"], path: Path) -> list[Finding]:
+    """A warning where voxels are no numbers, as beside a scan that was turned.
+
+    Raises:
+        ScanError: if that are most voxels of a slice: they would be taken for air.
+    """
     if not np.issubdtype(values.dtype, np.floating):
         return []
     lacking = np.array([np.count_nonzero(~np.isfinite(values[:, :, k])) for k in range(values.shape[2])])
     if not lacking.any():
         return []
-    slices = np.flatnonzero(lacking)
-    told = f"{100 * lacking.sum() / values.size:.2g} % of the voxels are no numbers (NaN or infinite)"
-    told += f", in {len(slices)} slices, the first {slice_number(int(slices[0]))}; they were read as air"
+    empty = np.flatnonzero(lacking > _LACKING * values[:, :, 0].size)
+    if len(empty):
+        told = f"{len(empty)} of {values.shape[2]} slices without, the first {slice_number(int(empty[0]))}"
+        raise ScanError(
+            f"numbers, not NaN, in every slice of {path.name}", told, "leave such slices out, or export the scan anew"
+        )
+    share = 100 * lacking.sum() / values.size
+    told = f"{share:.2g} % of the voxels are no numbers (NaN or infinite) and were read as air"
     return [Finding("no numbers", told, "warning")]
 
 

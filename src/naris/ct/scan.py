@@ -9,6 +9,8 @@ from naris.core.volume import Volume
 
 MOST_VOXELS = 2**29
 MOST_BYTES = 2**31
+SCAN_FILES = (".nrrd", ".nii", ".nii.gz", ".mha", ".mhd")
+"""What names of scans in one file end in."""
 Weight = Literal["notice", "warning"]
 
 

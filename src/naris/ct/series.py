@@ -20,6 +20,7 @@ from pydicom.uid import CTImageStorage, EnhancedCTImageStorage, MediaStorageDire
 
 from naris.core.progress import SILENT, Progress
 from naris.ct.packed import dicom_header
+from naris.ct.scan import SCAN_FILES
 from naris.ct.slices import Plane
 from naris.errors import ScanError
 
@@ -132,9 +133,17 @@ def contents_of(folder: Path, progress: Progress = SILENT) -> Contents:
                 found[str(header.SeriesInstanceUID)].append((path, header))
             advance(1)
     if not found:
-        raise ScanError(f"DICOM images in {folder}", _no_images(len(paths)), "check the path")
+        raise ScanError(f"DICOM images in {folder}", _no_images(len(paths)), _instead(paths, folder))
     series = [_series(uid, files) for uid, files in found.items()]
     return Contents(tuple(sorted(series, key=lambda one: (-len(one.images), one.key))), tuple(strange))
+
+
+def _instead(paths: list[Path], folder: Path) -> str:
+    """What somebody may have meant who gave a folder without DICOM."""
+    scans = [path for path in paths if path.name.lower().endswith(SCAN_FILES)]
+    if scans:
+        return f"give the file itself, such as {scans[0].relative_to(folder)}" if folder.is_dir() else "check the path"
+    return "this is an anatomy already" if (folder / "anatomy.json").is_file() else "check the path"
 
 
 def _no_images(files: int) -> str:

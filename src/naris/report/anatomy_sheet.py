@@ -30,7 +30,7 @@ _PIXEL_MM = 0.2
 _MARGIN_MM = 9.0
 _WINDOW_HU = (-1000.0, 600.0)
 _AIR, _TISSUE = 40, 150
-_TINT = 0.45
+_TINT = 0.75
 _CONTOUR = (255, 90, 40)
 _NEARBY = 0.03  # of a passage's own way, within which the roomiest place is taken
 _SHARED_MM = 1.5  # two passages that run so near to each other show the same
@@ -212,5 +212,5 @@ def _down(scene: Scene, passage: Passage, chosen: list[int]) -> Down:
     forward = tangents(passage)[chosen]
     poses = Pose.look(passage.points_mm[chosen], forward, upright(forward), scene.anatomy.frame)
     rendering = render(scene, poses, _CAMERA, ENDOSCOPE, want=("rgb",))
-    captions = tuple(f"{reach[i]:.0f} mm in" for i in chosen)
+    captions = tuple(f"{reach[i]:.0f} mm in".replace(" ", "\N{NO-BREAK SPACE}") for i in chosen)
     return Down(passage.name, captions, cast(np.ndarray, rendering.rgb))

@@ -126,5 +126,9 @@ def _passages(anatomy: Anatomy) -> tuple[Passage, ...]:
 def _told(parameters: NoseParameters) -> str:
     """The parameters that differ from the default, or that none do."""
     default = asdict(NoseParameters())
-    changed = [f"{name}={value:g}" for name, value in asdict(parameters).items() if value != default[name]]
+    changed = [
+        f"{name}={value if isinstance(value, int) else format(value, 'g')}"
+        for name, value in asdict(parameters).items()
+        if value != default[name]
+    ]
     return ", ".join(changed) if changed else "default parameters"

@@ -20,6 +20,7 @@ OF_A_SIDE = (
     "superior meatus and olfactory cleft",
     "posterior cavity and choana",
 )
+ANATOMICAL = "anatomical"
 ANATOMICAL_NAMES = (*(f"left {n}" for n in OF_A_SIDE), *(f"right {n}" for n in OF_A_SIDE), "nasopharynx")
 SPACING_MM = 1.0
 INFERIOR_TO_MIDDLE = 18.4
@@ -54,7 +55,7 @@ def anatomical_regions(p: NoseParameters, at: Layout, lumen: Field, grid: Grid, 
     coarse = _coarse(grid)
     near = _near_lumen(lumen, grid, coarse)
     labels = np.where(near, label_points(p, at, coarse), NOWHERE).astype(np.int8)
-    return GridRegions("anatomical", ANATOMICAL_NAMES, frame, labels, coarse.origin_mm, SPACING_MM)
+    return GridRegions(ANATOMICAL, ANATOMICAL_NAMES, frame, labels, coarse.origin_mm, SPACING_MM)
 
 
 def _coarse(grid: Grid) -> Grid:
