@@ -16,12 +16,14 @@ from naris.register.steps import Schedule, States, judge, solve
 from naris.register.threads import spread
 
 COARSE_RAYS = 256
-COARSE = Schedule(np.array([4.0, 1.0]), np.array([6, 6]))
+WIDE, COARSE = (Schedule(np.array([width]), np.array([6])) for width in (4.0, 1.0))
+"""First with the noise said to be four times as wide, which lets a start slip over what is small."""
 FINE = Schedule(np.array([1.0]), np.array([15]))
 AS_THEY_ARE = Schedule(np.array([1.0]), np.array([0]))
 BASIN_MM, BASIN_RAD = 2.0, 0.15
 """Poses further apart than either of these are different answers."""
 _COARSE_OUTLIERS = 0.1
+_PROMISING, _FEW = 0.6, 8  # the share of starts that are worth a second stage, and never fewer than so many
 _SAME_MM, _SAME_RAD = 0.5, 0.07
 
 
@@ -50,10 +52,13 @@ class Solutions:
 
 
 def coarse(at: RegistrationMap, observation: Observation, starts: Starts, *, most_rays: int = COARSE_RAYS) -> Solutions:
-    """From all starts on some of the rays, the smooth error counted as noise."""
+    """From all starts on some of the rays, the smooth error counted as noise; what is far behind by then is dropped."""
     seen = prepared(at, observation.some(most_rays), fine=False)
     model = seen.model._replace(outliers=max(seen.model.outliers, _COARSE_OUTLIERS))
-    return _solved(at, replace(seen, model=model), starts, COARSE)
+    seen = replace(seen, model=model)
+    wide = _solved(at, seen, starts, WIDE)
+    kept = max(round(_PROMISING * len(wide)), min(_FEW, len(wide)))
+    return _solved(at, seen, Starts(wide.poses[:kept], wide.log_scales[:kept]), COARSE)
 
 
 def fine(at: RegistrationMap, observation: Observation, starts: Starts) -> Solutions:

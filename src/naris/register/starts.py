@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import cKDTree
 
 from naris.core.anatomy import NOWHERE, RegionSet
 from naris.core.pose import Pose
@@ -21,6 +22,7 @@ from naris.register.threads import spread
 
 _LOOKED_AT = 49
 _FEW = 3
+_PROMISING = 3000  # starts of the first view that the other views are asked about
 _CAP = 24  # steps of `quantised`: a factor of 1.8
 
 
@@ -177,12 +179,47 @@ def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, cou
         compare(search, first, last, fits)
 
     spread(work, len(chosen))
+    if observation.views > 1:
+        best = _with_other_views(at, observation, fits, at.places_mm[chosen], turns)
     order = _stratified(best, chance[chosen], count)
     place, k = order // _FEW, order % _FEW
     poses = np.tile(np.eye(4), (len(order), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = turns[fits.turn[place, k]], at.places_mm[chosen[place]]
     log_scales = -factor_of(fits.shift[place, k]) if scale.free else np.zeros(len(order))
     return Starts(poses, log_scales + np.log(scale.middle))
+
+
+def _with_other_views(
+    at: RegistrationMap,
+    observation: Observation,
+    fits: Fits,
+    places_mm: Float[np.ndarray, "p 3"],
+    turns: Float[np.ndarray, "r 3 3"],
+) -> Int[np.ndarray, "p f"]:
+    """The differences of the most promising with those of the other views added; the rest come after them.
+
+    What another view saw is compared with what is seen from the place nearest to where it would stand, as if the points
+    that it saw were seen from there.
+    """
+    flat = fits.best.ravel()
+    order = np.argsort(flat, kind="stable")[:_PROMISING]
+    order = order[flat[order] < 2**30]
+    place, k = order // fits.best.shape[1], order % fits.best.shape[1]
+    rotation, scale = turns[fits.turn[place, k]], observation.scale.middle * np.exp(-factor_of(fits.shift[place, k]))
+    total = flat[order].astype(np.int64)
+    tree = cKDTree(at.places_mm)
+    for view in range(1, observation.views):
+        few = observation.rows(observation.view == view).some(_LOOKED_AT)
+        stands = places_mm[place] + scale[:, None] * (rotation @ few.origins[0])
+        nearest = tree.query(stands)[1]
+        ways = few.directions @ rotation.transpose(0, 2, 1)
+        points = (stands - at.places_mm[nearest])[:, None] + (scale[:, None] * few.ranges)[..., None] * ways
+        seen = quantised(np.linalg.norm(points, axis=2)).astype(np.int64)
+        off = np.abs(seen - np.take_along_axis(at.panoramas[nearest], texels(points, TEXELS), axis=1))
+        total += np.minimum(off, _CAP).sum(axis=1)
+    summed = np.full(len(flat), 2**30, np.int64)
+    summed[order] = total
+    return summed.reshape(fits.best.shape)
 
 
 def _shifts(observation: Observation) -> tuple[int, int]:

@@ -1,0 +1,53 @@
+"""Where registrations begin: near the truth, and the nearer the more views there are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from naris.bench.trials import neighbours_of
+from naris.core.anatomy import Anatomy
+from naris.core.pose import CAMERA, Pose, distance
+from naris.register.map import RegistrationMap
+from naris.register.observation import Observation, together
+from naris.register.starts import NOTHING, find_starts
+
+NEAR_MM, NEAR_DEG = 3.0, 20.0
+
+
+def first_near(at: RegistrationMap, observation: Observation, truth: Pose) -> int:
+    """How many starts are tried before one near the truth."""
+    starts = find_starts(at, observation, NOTHING, 400, np.random.default_rng(0))
+    off_mm, off_rad = distance(Pose(starts.poses, truth.target, CAMERA), truth)
+    near = np.flatnonzero((off_mm < NEAR_MM) & (np.rad2deg(off_rad) < NEAR_DEG))
+    return int(near[0]) if len(near) else 400
+
+
+def test_other_views_bring_a_start_near_the_truth_forward(
+    nose: Anatomy, prepared_nose: RegistrationMap, trials: list
+) -> None:
+    alone, with_others = [], []
+    for number, trial in enumerate(trials):
+        views, rig_T_camera = neighbours_of(nose, trial, 2, number)
+        seen = [one.observation("b") for one in views]
+        alone.append(first_near(prepared_nose, seen[0], trial.anatomy_T_camera))
+        with_others.append(first_near(prepared_nose, together(seen, rig_T_camera), trial.anatomy_T_camera))
+    assert sum(with_others) < 0.7 * sum(alone)
+    assert max(with_others) < 100
+
+
+def test_other_views_of_an_unknown_unit_stand_where_the_scale_puts_them(
+    nose: Anatomy, prepared_nose: RegistrationMap, trials: list
+) -> None:
+    """The unit of the rig is that of the depth: in another unit the starts are the same, but for rounding."""
+    from dataclasses import replace
+
+    from naris.register.observation import UNKNOWN
+
+    trial = trials[0]
+    views, rig_T_camera = neighbours_of(nose, trial, 2, 0)
+    joined = together([one.observation("b") for one in views], rig_T_camera)
+    free = replace(joined, scale=UNKNOWN)
+    half = replace(free, ranges=joined.ranges / 2, origins=joined.origins / 2, radial=joined.radial / 2)
+    one, other = (find_starts(prepared_nose, seen, NOTHING, 50, np.random.default_rng(0)) for seen in (free, half))
+    shared = sum(any(np.allclose(pose, another) for another in other.poses) for pose in one.poses)
+    assert shared > 25
