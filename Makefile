@@ -14,7 +14,7 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python; do \
 	if $$python -c '$(SUITABLE)' 2>/dev/null; then echo $$python; break; fi; done)
 
-.PHONY: help demo test quick lint format clean
+.PHONY: help demo test quick slicer lint format clean
 
 help:  ## this list
 	@grep -E '^[a-z]+: .*##' Makefile | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 14
@@ -28,6 +28,9 @@ test: lint  ## all checks and all tests, with coverage
 quick: .venv/.installed-dev  ## the tests that take no time
 	$(PYTEST) -m "not slow"
 
+slicer: .venv/.installed-dev .venv-slicer/.installed  ## what 3D Slicer's own readers make of our files (1 GB)
+	$(BIN)/python -m pytest tests/test_slicer.py
+
 lint: .venv/.installed-dev  ## style, types, import contracts
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -39,7 +42,7 @@ format: .venv/.installed-dev  ## lay the code out
 	$(BIN)/ruff format .
 
 clean:  ## remove the environment, caches and outputs
-	rm -rf .venv build dist out htmlcov coverage.xml .coverage .coverage.* .pytest_cache .mypy_cache .ruff_cache \
+	rm -rf .venv .venv-slicer build dist out htmlcov coverage.xml .coverage .coverage.* .pytest_cache .mypy_cache .ruff_cache \
 		.hypothesis .import_linter_cache
 	find src tests examples benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
 
@@ -62,3 +65,9 @@ clean:  ## remove the environment, caches and outputs
 .venv/.installed-dev: .venv/.python pyproject.toml constraints.txt
 	$(PIP) -e '.[dev]'
 	@touch .venv/.installed $@
+
+# Apart from ours, whose VTK is another.
+.venv-slicer/.installed: .venv/.python
+	$(BIN)/python -m venv --clear .venv-slicer
+	PIP_CONSTRAINT= .venv-slicer/bin/python -m pip install --quiet --disable-pip-version-check slicer-core==5.13.31053.0
+	@touch $@
