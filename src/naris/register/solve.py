@@ -52,12 +52,15 @@ class Solutions:
 
 
 def coarse(at: RegistrationMap, observation: Observation, starts: Starts, *, most_rays: int = COARSE_RAYS) -> Solutions:
-    """From all starts on some of the rays, the smooth error counted as noise; what is far behind by then is dropped."""
+    """From all starts on some of the rays, the smooth error counted as noise.
+
+    Of ranges, those that are far behind with the wide noise are dropped then; of points they may still win.
+    """
     seen = prepared(at, observation.some(most_rays), fine=False)
     model = seen.model._replace(outliers=max(seen.model.outliers, _COARSE_OUTLIERS))
     seen = replace(seen, model=model)
     wide = _solved(at, seen, starts, WIDE)
-    kept = max(round(_PROMISING * len(wide)), min(_FEW, len(wide)))
+    kept = len(wide) if observation.is_cloud else max(round(_PROMISING * len(wide)), min(_FEW, len(wide)))
     return _solved(at, seen, Starts(wide.poses[:kept], wide.log_scales[:kept]), COARSE)
 
 
