@@ -23,10 +23,11 @@ from naris.register.files import slicer_landmarks, slicer_transform, write_slice
 from tests.anatomy.test_correspondence import marked_tube
 
 READS, PYTHON = Path(__file__).with_name("slicer_reads.py"), Path(__file__).parents[1] / ".venv-slicer/bin/python"
+INSTALLED = PYTHON.parents[1] / ".installed"
 POSE = Pose.exp(np.array([10.0, -20.0, 30.0, 0.3, -0.8, 1.1]), "LPS", CAMERA)
 RAS = np.array([-1.0, -1.0, 1.0])
 
-pytestmark = pytest.mark.skipif(not PYTHON.is_file(), reason="no .venv-slicer with slicer-core (make slicer)")
+pytestmark = pytest.mark.skipif(not INSTALLED.is_file(), reason="no .venv-slicer with slicer-core (make slicer)")
 
 
 def as_slicer_has_it(*paths: Path) -> list[dict[str, Any]]:

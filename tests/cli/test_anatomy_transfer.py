@@ -105,3 +105,35 @@ def test_regions_of_its_own_are_not_written_over_and_a_second_run_does_nothing(
     (out / "anatomy.html").unlink()
     assert main(["anatomy", "transfer", str(out), "-o", str(out), *given]) == 0
     assert (out / "anatomy.html").is_file()
+
+
+def test_after_an_interruption_the_same_command_goes_on(
+    bare: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["anatomy", "transfer", str(bare), "-o", str(bare), "--reference", str(reference(tmp_path)), "--quiet"]
+    with monkeypatch.context() as patched:
+
+        def stopped(*_: object) -> None:
+            raise KeyboardInterrupt
+
+        patched.setattr("naris.cli.anatomy_transfer._write_picture", stopped)
+        assert main(words) == 130
+    assert "whole" in capfd.readouterr().err
+    assert list(load_anatomy(bare).regions) == ["slabs", "all"]
+    assert main(words) == 0
+    assert (bare / "anatomy.html").is_file()
+
+
+def test_a_reference_with_other_regions_is_another_one(
+    bare: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given, out = reference(tmp_path), tmp_path / "out"
+    words = ["anatomy", "transfer", str(bare), "-o", str(out), "--reference", str(given), "--quiet"]
+    assert main(words) == 0
+    before = load_anatomy(out).region_set()
+    save_anatomy(moved(marked_tube(), bent).with_(regions={"slabs": OTHERS}), given)
+    capfd.readouterr()
+    assert main(words) == 0
+    assert "nothing was done" not in capfd.readouterr().out
+    line = marked_tube().passages[0].points_mm
+    assert (load_anatomy(out).region_set().label(line) != before.label(line)).mean() > 0.3

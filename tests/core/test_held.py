@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from naris.cli import main
 from naris.core.held import check_reachable, held
 from naris.errors import InputError
 
@@ -23,7 +24,10 @@ with held(Path(sys.argv[1])):
 """
 
 
-def test_another_process_is_refused_until_the_first_is_killed(tmp_path: Path) -> None:
+def test_another_process_is_refused_until_the_first_is_killed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("fcntl")
     out = tmp_path / "out"
     with subprocess.Popen([sys.executable, "-c", HOLD, str(out)], stdout=subprocess.PIPE) as other:
         assert other.stdout is not None
@@ -32,6 +36,9 @@ def test_another_process_is_refused_until_the_first_is_killed(tmp_path: Path) ->
             pass
         with held(tmp_path / "another"):
             pass
+        assert main(["anatomy", "to-ct", "builtin", "-o", str(out)]) == 2
+        assert "one run at a time" in capfd.readouterr().err
+        assert not out.exists()
         other.send_signal(signal.SIGKILL)
     with held(out):
         assert not out.exists()
@@ -48,7 +55,7 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) 
         check_reachable(tmp_path / "file" / "b")
 
 
-@pytest.mark.skipif(os.getuid() == 0, reason="the superuser may write everywhere")
+@pytest.mark.skipif(getattr(os, "getuid", lambda: 1)() == 0, reason="the superuser may write everywhere")
 def test_a_folder_without_permission_is_told(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
     with pytest.raises(InputError, match="nothing may be written"):

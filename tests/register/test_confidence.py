@@ -24,6 +24,13 @@ def test_the_chance_by_the_covariance_is_that_of_two_chi_squared(sd_mm: float, s
     assert chance_within(loose_by(sd_mm, sd_deg)) == pytest.approx(expected, abs=0.05)
 
 
+def test_a_direction_that_nothing_holds_is_no_error() -> None:
+    """As of a bare plane: rounding may give such a direction a variance below 0."""
+    axes = np.linalg.qr(np.random.default_rng(0).standard_normal((6, 6)))[0]
+    loose = axes @ np.diag([1e9, 1e9, 1e9, 1e-9, 1e-9, -1e-7]) @ axes.T
+    assert 0 < chance_within(loose) < 0.01
+
+
 def test_it_is_never_sure_and_does_not_depend_on_the_axes() -> None:
     assert 0.99 < chance_within(loose_by(0.01, 0.01)) < 1
     assert 0 < chance_within(loose_by(50.0, 90.0)) < 0.01

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from naris.bench.trials import neighbours_of
 from naris.core.anatomy import Anatomy
 from naris.core.pose import CAMERA, Pose, distance
 from naris.register.map import RegistrationMap
-from naris.register.observation import Observation, together
-from naris.register.starts import NOTHING, find_starts
+from naris.register.observation import UNKNOWN, Observation, together
+from naris.register.starts import NOTHING, Belief, find_starts
 
 NEAR_MM, NEAR_DEG = 3.0, 20.0
 
@@ -39,10 +41,6 @@ def test_other_views_of_an_unknown_unit_stand_where_the_scale_puts_them(
     nose: Anatomy, prepared_nose: RegistrationMap, trials: list
 ) -> None:
     """The unit of the rig is that of the depth: in another unit the starts are the same, but for rounding."""
-    from dataclasses import replace
-
-    from naris.register.observation import UNKNOWN
-
     trial = trials[0]
     views, rig_T_camera = neighbours_of(nose, trial, 2, 0)
     joined = together([one.observation("b") for one in views], rig_T_camera)
@@ -51,3 +49,20 @@ def test_other_views_of_an_unknown_unit_stand_where_the_scale_puts_them(
     one, other = (find_starts(prepared_nose, seen, NOTHING, 50, np.random.default_rng(0)) for seen in (free, half))
     shared = sum(any(np.allclose(pose, another) for another in other.poses) for pose in one.poses)
     assert shared > 25
+
+
+def test_of_several_views_as_many_starts_come_from_each_region_as_of_one(
+    nose: Anatomy, prepared_nose: RegistrationMap, trials: list
+) -> None:
+    """A belief in one region keeps its share, wherever the views fit best."""
+    regions, count = nose.region_set(), 200
+    believed = regions.names[-1]
+    rest = {name: 0.1 / (len(regions.names) - 1) for name in regions.names[:-1]}
+    belief = Belief(regions, {believed: 0.9, **rest})
+    for number, trial in enumerate(trials[:4]):
+        views, rig_T_camera = neighbours_of(nose, trial, 1, number)
+        seen = together([one.observation("b") for one in views], rig_T_camera)
+        starts = find_starts(prepared_nose, seen, belief, count, np.random.default_rng(0))
+        label = regions.label(starts.poses[:, :3, 3])
+        assert len(starts.poses) >= count - len(regions.names)
+        assert (label == regions.names.index(believed)).sum() >= 80

@@ -24,11 +24,12 @@ _LEAST_DEPTH_MM, _MOST_DEPTH_MM = 35.0, 110.0  # from a nostril to its choana, f
 _SIDE_ML, _PHARYNX_ML = (1.5, 45.0), 60.0
 _UNEVEN, _VERY_UNEVEN = 1.7, 2.5
 _CHILD_MM = 48.0
-_HEIGHT_SHARE = 0.5, 99.5  # percentiles of its nodes: one of them too high does not make a nose higher
+_HEIGHT_PERCENTILES = 0.5, 99.5  # percentiles of its nodes: one of them too high does not make a nose higher
 _USUAL_HEIGHT, _POSSIBLE_HEIGHT = (0.6, 0.9), (0.5, 1.0)
-"""Of a nose, as a share of its depth; 0.62 to 0.83 in real and drawn ones, and 1.0 in a real one whose slices are said
-to lie half as far again from each other as they do."""
+"""Of a nose, as a share of its depth; 0.62 to 0.83 in real and drawn ones, and 0.96 to 1.08 in two real ones whose
+slices are said to lie half as far again from each other as they do."""
 _TRUE_DISTANCES = "the header tells the true distances of slices and pixels"
+_BY_HAND = "this may be no whole nose, or one whose septum has a large hole: segment it by hand"
 _ENDS = (("right", "left"), ("front", "back"), ("bottom", "top"))
 _FRONT = (1, 0)
 
@@ -95,10 +96,10 @@ def _proportions(
     """
     try:
         frame = NasalFrame.of(landmarks_mm)
-    except InputError:
-        return []
+    except InputError as error:
+        raise ScanError("two sides of a nose beside each other", "nostrils and choanae on a line", _BY_HAND) from error
     up = frame.coordinates_mm(block.points_mm(np.argwhere(cavities)))[:, 2]
-    height_mm = float(np.ptp(np.percentile(up, _HEIGHT_SHARE)))
+    height_mm = float(np.ptp(np.percentile(up, _HEIGHT_PERCENTILES)))
     share = height_mm / frame.depth_mm
     found = f"{height_mm:.0f} mm high and {frame.depth_mm:.0f} mm deep, {share:.2f} times"
     if not _POSSIBLE_HEIGHT[0] <= share <= _POSSIBLE_HEIGHT[1]:
@@ -119,7 +120,7 @@ def _check_between(what: str, unit: str, found: float, low: float, high: float) 
         raise ScanError(
             f"{low:g} to {high:g} {unit} {what}",
             f"{found:.1f} {unit}",
-            "this may be no whole nose, or one whose septum has a large hole: segment it by hand",
+            _BY_HAND,
         )
 
 

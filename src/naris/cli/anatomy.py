@@ -12,6 +12,8 @@ from naris.cli.console import Console
 from naris.cli.options import IfGiven, refuse
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from naris.core.anatomy import Anatomy, Passage
 
 PICTURE = "anatomy.html"
@@ -128,11 +130,12 @@ def _passage(passage: Passage) -> dict[str, Any]:
     }
 
 
-def _on_the_way(passage: Passage) -> Any:
+def _on_the_way(passage: Passage) -> np.ndarray:
     """The clearance but for the first and the last millimetres, where a surface ends and closes the way."""
     import numpy as np
 
-    along = np.linspace(0, passage.length_mm, len(passage.clearance_mm))
+    steps = np.linalg.norm(np.diff(passage.points_mm, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
     inner = (along >= _ENDS_MM) & (along <= passage.length_mm - _ENDS_MM)
     return passage.clearance_mm[inner] if inner.any() else passage.clearance_mm
 

@@ -46,7 +46,7 @@ def run(options: Options, console: Console) -> int:
     from naris.airway.cut import carry_cut
     from naris.anatomy.builtin.regions import ANATOMICAL
     from naris.anatomy.correspondence import check_laid
-    from naris.anatomy.folder import check_folder, check_replaces, save_anatomy
+    from naris.anatomy.folder import check_folder, check_replaces, region_sets_in, save_anatomy
     from naris.anatomy.transfer import transfer_regions, virtual_references
     from naris.cli.anatomies import findings_in, folder_of, open_anatomy
     from naris.core.atomic import write_json
@@ -59,16 +59,14 @@ def run(options: Options, console: Console) -> int:
     target, _ = open_anatomy(options.anatomy)
     check_replaces(target.source, options.out)
     check_laid(target)
-    references, count = (
-        [open_anatomy(one, options.regions)[0] for one in options.reference],
-        options.virtual or _VIRTUAL,
-    )
+    references = [open_anatomy(one, options.regions)[0] for one in options.reference]
+    count = options.virtual or _VIRTUAL
     name = options.regions or (references[0].region_set().name if references else ANATOMICAL)
-    settings = _settings(target, name, [one.digest for one in references] or count)
+    settings = _settings(target, name, [_digest(one, name) for one in references] or count)
     if (earlier := _earlier(settings, options.out)) is not None:
         console.answer(earlier, f"{_text(earlier)}\nit was there already, of these references; nothing was done")
         return 0
-    _check_not_its_own(target, name, folder_of(options.anatomy), options.out)
+    _check_not_its_own(target, settings, folder_of(options.anatomy), options.out)
     if not references:
         with console.progress.task("virtual noses", count) as advance:
             for nose in virtual_references(count):
@@ -81,11 +79,16 @@ def run(options: Options, console: Console) -> int:
         return UNSURE
     others = {name: one for name, one in target.regions.items() if name != found.regions.name}
     made = target.with_(regions={found.regions.name: found.regions, **others})
-    (options.out / RECORD).unlink(missing_ok=True)
+    # The picture comes last and tells that all is there. Beside an anatomy the record comes first, so that the
+    # same command goes on after an interruption that left the new regions; in a new one nothing may come before it.
+    (options.out / PICTURE).unlink(missing_ok=True)
+    record = {"schema": SCHEMA, "settings": settings, "made": _digest(made, name), "found": data}
+    if region_sets_in(options.out):
+        write_json(options.out / RECORD, record)
     save_anatomy(made, options.out)
+    write_json(options.out / RECORD, record)
     carry_cut(made.source, folder_of(options.anatomy), options.out)
     _write_picture(made, data, options.out, findings_in(folder_of(options.anatomy)))
-    write_json(options.out / RECORD, {"schema": SCHEMA, "settings": settings, "found": data})
     data |= _places(options.out, already=False)
     console.answer(data, f"{_text(data)}\nkept in {options.out}, picture in {options.out / PICTURE}")
     return 0
@@ -93,36 +96,53 @@ def run(options: Options, console: Console) -> int:
 
 def interrupted(options: Options) -> str:
     """What a user who stopped it should know."""
-    return "nothing was kept; run the same command again"
+    return f"what is in {options.out} is whole, as it was or with its new regions; run the same command again"
 
 
 def _settings(target: Anatomy, name: str, references: list[str] | int) -> dict[str, Any]:
     """All that decides what is carried: digests of given references, or the number of virtual noses."""
     import naris
 
-    return {"naris": naris.__version__, "anatomy": target.digest, "regions": name, "references": references}
+    return {"naris": naris.__version__, "anatomy": _digest(target, None), "regions": name, "references": references}
 
 
-def _earlier(settings: dict[str, Any], folder: Path) -> dict[str, Any] | None:
-    """What an earlier run of the same settings answered, where the anatomy that it kept is still there."""
+def _digest(anatomy: Anatomy, name: str | None) -> str:
+    """Of a surface with its landmarks and one of its region sets, if any."""
+    from naris.anatomy.regions import regions_to_json
+    from naris.core.provenance import digest
+
+    marks = {key: point.tolist() for key, point in anatomy.landmarks_mm.items()}
+    regions = None if name is None else regions_to_json(anatomy.region_set(name))
+    return digest({"surface": anatomy.digest, "landmarks_mm": marks, "regions": regions})
+
+
+def _record(folder: Path) -> dict[str, Any] | None:
+    """What an earlier transfer kept beside the anatomy of a folder; None where there is none that can be read."""
     import json
-
-    from naris.anatomy.folder import load_anatomy
-    from naris.errors import NarisError
 
     try:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        if (record["schema"], record["settings"]) != (SCHEMA, settings) or not (folder / PICTURE).is_file():
-            return None
-        kept = load_anatomy(folder, passages=False)
-        found = dict(record["found"])
-    except (OSError, ValueError, LookupError, TypeError, NarisError):
-        return None  # nothing, or what was changed by hand: it is made anew
-    is_whole = kept.digest == settings["anatomy"] and settings["regions"] in kept.regions
-    return found | _places(folder, already=True) if is_whole else None
+        return dict(record) if record["schema"] == SCHEMA else None
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
 
 
-def _check_not_its_own(target: Anatomy, name: str, where: Path, out: Path) -> None:
+def _earlier(settings: dict[str, Any], folder: Path) -> dict[str, Any] | None:
+    """What an earlier run of the same settings answered, where all that it kept is still there."""
+    from naris.anatomy.folder import load_anatomy
+    from naris.errors import NarisError
+
+    record = _record(folder)
+    if record is None or record.get("settings") != settings or not (folder / PICTURE).is_file():
+        return None
+    try:
+        is_there = _digest(load_anatomy(folder, passages=False), settings["regions"]) == record["made"]
+        return dict(record["found"]) | _places(folder, already=True) if is_there else None
+    except (LookupError, TypeError, ValueError, NarisError):
+        return None  # changed by hand: it is made anew
+
+
+def _check_not_its_own(target: Anatomy, settings: dict[str, Any], where: Path, out: Path) -> None:
     """See that regions which are an anatomy's own, as those of a virtual patient, are not written over.
 
     Raises:
@@ -130,7 +150,11 @@ def _check_not_its_own(target: Anatomy, name: str, where: Path, out: Path) -> No
     """
     from naris.errors import ConfigurationChanged
 
-    if name in target.regions and out.resolve() == where.resolve() and not (out / RECORD).is_file():
+    name = settings["regions"]
+    if name not in target.regions or out.resolve() != where.resolve():
+        return
+    earlier = (_record(out) or {}).get("settings", {})
+    if (earlier.get("regions"), earlier.get("anatomy")) != (name, settings["anatomy"]):
         raise ConfigurationChanged(
             f"an anatomy without regions {name} in {out}",
             f"{target.name}, which has its own",

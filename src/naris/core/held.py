@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import tempfile
 from collections.abc import Iterator
@@ -11,6 +12,8 @@ from pathlib import Path
 
 from naris.errors import InputError
 
+log = logging.getLogger(__name__)
+
 
 @contextmanager
 def held(out: Path) -> Iterator[None]:
@@ -18,7 +21,7 @@ def held(out: Path) -> Iterator[None]:
 
     The lock is the operating system's (`flock` on a file in the folder for temporary ones), so that one that was killed
     leaves nothing that has to be cleaned up, and `out` itself need not be there. Where there is no `flock` (Windows),
-    nothing is held.
+    nothing is held. Held are equal paths, on one machine: a run that writes to a folder within is not seen.
 
     Args:
         out: a file or folder that a run writes.
@@ -32,9 +35,8 @@ def held(out: Path) -> Iterator[None]:
         yield
         return
     name = hashlib.sha256(os.fsencode(out.resolve())).hexdigest()[:16]
-    descriptor = os.open(
-        Path(tempfile.gettempdir()) / f"naris-{os.getuid()}-{name}.lock", os.O_RDWR | os.O_CREAT, 0o600
-    )
+    lock = Path(tempfile.gettempdir()) / f"naris-{os.getuid()}-{name}.lock"
+    descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -42,6 +44,8 @@ def held(out: Path) -> Iterator[None]:
             raise InputError(
                 f"{out} to be written by one run at a time", "another that is writing there", "wait for it to end"
             ) from None
+        except OSError as error:
+            log.info("no lock can be held in %s: %s", lock.parent, error.strerror)
         yield
     finally:
         os.close(descriptor)
@@ -50,9 +54,13 @@ def held(out: Path) -> Iterator[None]:
 def check_reachable(out: Path) -> None:
     """See that something can be made at `out`, before work is spent on it; nothing is made.
 
+    A folder that holds something is the verb's to judge: it may have nothing to do there.
+
     Raises:
         InputError: if what is there, or the nearest folder above it, is not a folder or cannot be written to.
     """
+    if out.is_dir() and any(out.iterdir()):
+        return
     nearest = out if out.exists() else next(one for one in out.absolute().parents if one.exists())
     if nearest == out and not nearest.is_dir():
         nearest = nearest.absolute().parent

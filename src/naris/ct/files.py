@@ -23,7 +23,7 @@ from naris.core.volume import Volume
 from naris.ct.continuity import check_continuity, slice_number
 from naris.ct.metaimage import meta_header, meta_values
 from naris.ct.packed import check_payload
-from naris.ct.resample import upright
+from naris.ct.resample import AIR_HU, upright
 from naris.ct.scan import MOST_BYTES, MOST_VOXELS, Finding, Scan
 from naris.errors import ScanError
 
@@ -63,7 +63,8 @@ def read_file(path: Path) -> Scan:
         raise _damaged(path, kind, error) from error
     except (nrrd.NRRDError, nibabel.filebasedimages.ImageFileError, nibabel.spatialimages.HeaderDataError) as error:
         raise _damaged(path, kind, error) from error
-    findings += _no_numbers(values, path)
+    values, matrix, lacking = _with_numbers(values, matrix, path)
+    findings += lacking
     volume = Volume(_as_hu(values), matrix)
     slice_mm = float(volume.spacing_mm.max())
     for axis in sorted({_LAST_AXIS, _slice_axis(volume)}):
@@ -86,7 +87,6 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
 
 
 _LACKING = 0.5  # of a slice
-_BEYOND_HU = -1024  # as air, and as what scanners put beside the picture
 _LAST_AXIS = 2
 """Along which programs that turn DICOM into files put the slices, however thin these are."""
 
@@ -241,31 +241,40 @@ def _as_hu(values: Num[np.ndarray, "ni nj nk"]) -> Int16[np.ndarray, "ni nj nk"]
     out = np.empty(values.shape, np.int16, order="F" if values.flags.f_contiguous else "C")
     for k in range(values.shape[2]):  # slice by slice: several copies of a whole scan do not fit everywhere
         real = values[:, :, k].astype(np.float64)
-        finite = np.nan_to_num(real, nan=_BEYOND_HU, posinf=limits.max, neginf=limits.min)
+        finite = np.where(np.isfinite(real), real, AIR_HU)
         out[:, :, k] = np.rint(np.clip(finite, limits.min, limits.max))
     return out
 
 
-def _no_numbers(values: Num[np.ndarray, "ni nj nk"], path: Path) -> list[Finding]:
-    """A warning where voxels are no numbers, as beside a scan that was turned.
+def _with_numbers(
+    values: Num[np.ndarray, "ni nj nk"], matrix: Float[np.ndarray, "4 4"], path: Path
+) -> tuple[Num[np.ndarray, "ni nj nl"], Float[np.ndarray, "4 4"], list[Finding]]:
+    """Without the slices at either end that have hardly a number, as a scan that was turned has; and a warning.
 
     Raises:
-        ScanError: if that are most voxels of a slice: they would be taken for air.
+        ScanError: if such slices lie between others, or there are no others: they would be taken for air.
     """
     if not np.issubdtype(values.dtype, np.floating):
-        return []
+        return values, matrix, []
     lacking = np.array([np.count_nonzero(~np.isfinite(values[:, :, k])) for k in range(values.shape[2])])
     if not lacking.any():
-        return []
-    empty = np.flatnonzero(lacking > _LACKING * values[:, :, 0].size)
-    if len(empty):
-        told = f"{len(empty)} of {values.shape[2]} slices without, the first {slice_number(int(empty[0]))}"
+        return values, matrix, []
+    full = np.flatnonzero(lacking <= _LACKING * values[:, :, 0].size)
+    first, last = (int(full[0]), int(full[-1])) if len(full) else (0, -1)
+    inner = np.setdiff1d(np.arange(first, last + 1), full)
+    if len(inner) or not len(full):
+        told = f"{values.shape[2] - len(full)} of {values.shape[2]} slices without"
+        if len(inner):
+            told += f", {slice_number(int(inner[0]))} among them"
         raise ScanError(
             f"numbers, not NaN, in every slice of {path.name}", told, "leave such slices out, or export the scan anew"
         )
-    share = 100 * lacking.sum() / values.size
-    told = f"{share:.2g} % of the voxels are no numbers (NaN or infinite) and were read as air"
-    return [Finding("no numbers", told, "warning")]
+    moved = matrix.copy()
+    moved[:3, 3] += first * matrix[:3, 2]
+    told = f"{lacking.sum():,} voxels are no numbers (NaN or infinite) and were read as air"
+    if (left_out := values.shape[2] - (last + 1 - first)) > 0:
+        told += f"; {left_out} slices at the ends that are mostly so were left out"
+    return values[:, :, first : last + 1], moved, [Finding("no numbers", told, "warning")]
 
 
 def _damaged(path: Path, kind: str, error: Exception) -> ScanError:

@@ -140,10 +140,12 @@ def contents_of(folder: Path, progress: Progress = SILENT) -> Contents:
 
 def _instead(paths: list[Path], folder: Path) -> str:
     """What somebody may have meant who gave a folder without DICOM."""
+    if (folder / "anatomy.json").is_file():
+        return "this is an anatomy already, for naris anatomy and the other verbs"
     scans = [path for path in paths if path.name.lower().endswith(SCAN_FILES)]
-    if scans:
-        return f"give the file itself, such as {scans[0].relative_to(folder)}" if folder.is_dir() else "check the path"
-    return "this is an anatomy already" if (folder / "anatomy.json").is_file() else "check the path"
+    if not scans or not folder.is_dir():
+        return "check the path"
+    return f"give the file itself, such as {scans[0].relative_to(folder)}"
 
 
 def _no_images(files: int) -> str:

@@ -37,8 +37,8 @@ class Evidence:
 
     Attributes:
         margin: in −2 log likelihood, to the best pose of another basin among those that were solved finely.
-        rough_margin: the same among all that were solved coarsely, where the rivals are more and the noise is cruder;
-            negative where the best pose was not the best then, and 0 where no start came near it.
+        rough_margin: the same among all that went through both coarse stages, where the rivals are more and the noise
+            is cruder; negative where the best pose was not the best then, and 0 where no start came near it.
         sd_mm, sd_deg: the largest standard deviations of position and rotation, if the basin is right.
         within: the chance of 2 mm and 5° by the covariance alone.
         explained: the share of rays within 3 standard deviations of the wall, the smooth error counted as noise.
@@ -151,8 +151,8 @@ def probability(evidence: Evidence) -> float:
 
 def chance_within(covariance: Float[np.ndarray, "6 6"]) -> float:
     """Of 2 mm and 5° where twists (mm, rad) are normal with that covariance; never quite 0 or 1."""
-    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(6))
-    twists = np.random.default_rng(0).standard_normal((_DRAWS, 6)) @ root.T
+    variance, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    twists = np.random.default_rng(0).standard_normal((_DRAWS, 6)) * np.sqrt(np.maximum(variance, 0.0)) @ axes.T
     is_within = (np.linalg.norm(twists[:, :3], axis=1) <= _WITHIN_MM) & (
         np.linalg.norm(twists[:, 3:], axis=1) <= _WITHIN_RAD
     )

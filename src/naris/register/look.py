@@ -13,7 +13,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
 from naris.render.scene import Scene, render
 
-_STEP = 0.12
+STEP = 0.12
 """Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
 _EDGE_RGB = (60, 255, 120)
 _FAR_SHARE = 0.98
@@ -35,8 +35,8 @@ def edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Pixels where the depth jumps to the right or below."""
     log = np.log(np.maximum(depth, 1e-3))
     jump = np.zeros(depth.shape, dtype=bool)
-    jump[:, :-1] |= np.abs(np.diff(log, axis=1)) > _STEP
-    jump[:-1] |= np.abs(np.diff(log, axis=0)) > _STEP
+    jump[:, :-1] |= np.abs(np.diff(log, axis=1)) > STEP
+    jump[:-1] |= np.abs(np.diff(log, axis=0)) > STEP
     return jump & (depth > 0)
 
 

@@ -22,7 +22,8 @@ from naris.register.threads import spread
 
 _LOOKED_AT = 49
 _FEW = 3
-_PROMISING = 3000  # starts of the first view that the other views are asked about
+_ASKED = 3000  # starts of the first view that the other views are asked about
+_NONE, _LATER = 2**30, 2**24  # instead of a sum of differences: there is no start; above all of those who were asked
 _CAP = 24  # steps of `quantised`: a factor of 1.8
 
 
@@ -170,7 +171,7 @@ def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, cou
     where = texels((turns @ few.directions.T).transpose(0, 2, 1), TEXELS).astype(np.int32)
     scale = observation.scale
     ranges = few.ranges * scale.middle
-    best = np.full((len(chosen), _FEW), 2**30, np.int32)
+    best = np.full((len(chosen), _FEW), _NONE, np.int32)
     fits = Fits(best, np.zeros_like(best), np.zeros_like(best))
     seen = quantised(ranges).astype(np.int32)
     search = Search(at.panoramas[chosen], seen, where, int(scale.free), _CAP, _shifts(observation))
@@ -202,8 +203,8 @@ def _with_other_views(
     that it saw were seen from there.
     """
     flat = fits.best.ravel()
-    order = np.argsort(flat, kind="stable")[:_PROMISING]
-    order = order[flat[order] < 2**30]
+    order = np.argsort(flat, kind="stable")[:_ASKED]
+    order = order[flat[order] < _NONE]
     place, k = order // fits.best.shape[1], order % fits.best.shape[1]
     rotation, scale = turns[fits.turn[place, k]], observation.scale.middle * np.exp(-factor_of(fits.shift[place, k]))
     total = flat[order].astype(np.int64)
@@ -217,7 +218,7 @@ def _with_other_views(
         seen = quantised(np.linalg.norm(points, axis=2)).astype(np.int64)
         off = np.abs(seen - np.take_along_axis(at.panoramas[nearest], texels(points, TEXELS), axis=1))
         total += np.minimum(off, _CAP).sum(axis=1)
-    summed = np.full(len(flat), 2**30, np.int64)
+    summed = np.where(flat < _NONE, flat.astype(np.int64) + _LATER, _NONE)
     summed[order] = total
     return summed.reshape(fits.best.shape)
 
@@ -235,7 +236,7 @@ def _stratified(best: Int[np.ndarray, "p f"], chance: Float[np.ndarray, "p"], co
     """Half of them the best of all, for a belief may be wrong; half for each chance as many as it is worth."""
     flat, weight = best.ravel(), np.repeat(chance, best.shape[1])
     order = np.argsort(flat, kind="stable")
-    order = order[flat[order] < 2**30]
+    order = order[flat[order] < _NONE]
     levels = np.unique(chance)
     if len(levels) == 1:
         return order[:count]
