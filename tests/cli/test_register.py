@@ -270,3 +270,20 @@ def test_a_shape_model_goes_with_its_mean(
     save_anatomy(widening_tube(), tmp_path / "wide")
     assert main(["register", str(tmp_path / "wide"), *arguments]) == 2
     assert "the mean of the shape model" in capfd.readouterr().err
+
+
+def test_edges_of_the_frame_may_move_the_pose(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A tube has hardly an edge: it is said that nothing was moved, and the pose is that without."""
+    given = words(tube, seen, "--depth", str(seen / "depth.npy"), "--probability", "0", "--json")
+    assert main(given) == 0
+    without = json.loads(capfd.readouterr().out)
+    assert without["contours"] is None
+    assert main([*given, "--frame", str(seen / "frame.png"), "--contours"]) == 0
+    told = json.loads(capfd.readouterr().out)
+    assert told["contours"]["edges"] >= 0
+    if not told["contours"]["used"]:
+        assert told["anatomy_T_camera"] == without["anatomy_T_camera"]
+    assert main([*given, "--contours"]) == 2
+    assert "--frame with --contours" in capfd.readouterr().err

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.bench import BenchRequest, Measurement, cissticp, deformable, peer_trials
+from naris.bench import BenchRequest, Measurement, cissticp, contours, deformable, peer_trials
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
     FROZEN,
@@ -82,7 +82,7 @@ class Setting:
 
 
 def measure(request: BenchRequest) -> Measurement:
-    """All figures, or those of a part: trials, the runs of cisstICP, peers in the place of our solver, shapes."""
+    """All figures, or those of a part: trials, the runs of cisstICP, peers in our solver's place, shapes, contours."""
     figures = of_trials(request) if request.wants("trials") else []
     if request.wants("cissticp"):
         figures += cissticp.figures(request)
@@ -90,6 +90,8 @@ def measure(request: BenchRequest) -> Measurement:
         figures += peer_trials.figures(request)
     if request.wants("deformable"):
         figures += deformable.figures(request)
+    if request.wants("contours"):
+        figures += contours.figures(request)
     return Measurement(tuple(figures), _inputs(request))
 
 

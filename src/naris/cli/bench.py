@@ -44,8 +44,8 @@ class Options:
     registration-trials/trials.npz, mean-nose/ASR.ply and cissticp/ (test_data of cisstICP); figures of those that are
     missing have no value."""
     only: Annotated[IfGiven[str], tyro.conf.arg(metavar="PART")] = None
-    """Measure one part alone; of register: trials, cissticp (clouds to a surface, seconds), peers or
-    deformable (a mean nose whose shape is estimated, a quarter of an hour)."""
+    """Measure one part alone; of register: trials, cissticp (clouds to a surface, seconds), peers,
+    deformable (a mean nose whose shape is estimated, a quarter of an hour) or contours (edges of a frame)."""
     patients: IfGiven[int] = None
     """How many virtual patients, of chain; 20 when not given. With --work, more can follow later."""
     fit_steps: IfGiven[int] = None

@@ -48,7 +48,8 @@ def check_observation(options: Options) -> None:
         raise InputError(_ONE_OF, got, "give what the camera saw" if not given else "give one of them")
     of_folder = options.cloud is not None and options.cloud.is_dir()
     if options.depth is None:
-        refuse(options, ("intrinsics",), "only with --depth", f"--{given[0]}")
+        if not (options.contours and options.cloud is not None and not of_folder):
+            refuse(options, ("intrinsics",), "only with --depth, or with --cloud FILE and --contours", f"--{given[0]}")
     elif options.intrinsics is None:
         raise InputError("--intrinsics with --depth", "none", "give the camera of the depth image")
     if options.cloud is not None:
@@ -95,6 +96,7 @@ def observe(options: Options) -> Seen:
 
 
 def _cloud(options: Options, file: Path) -> Seen:
+    from naris.cli.cameras import read_intrinsics
     from naris.register.files import read_cloud, read_normals
     from naris.register.observation import PointNoise, from_points
 
@@ -104,7 +106,8 @@ def _cloud(options: Options, file: Path) -> Seen:
     if options.normals_deg is not None:
         noise = replace(noise, normals_deg=options.normals_deg)
     normals = read_normals(file) if options.method == "imlop" else None
-    return Seen(from_points(read_cloud(file), noise, _scale(options), normals))
+    intrinsics = None if options.intrinsics is None else read_intrinsics(options.intrinsics)
+    return Seen(from_points(read_cloud(file), noise, _scale(options), normals), intrinsics)
 
 
 def _reconstruction(options: Options, folder: Path) -> Seen:

@@ -15,6 +15,9 @@ from naris.cli.registered import OWN, looks_of, write_registered
 from naris.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from naris.cli.observed import Seen
     from naris.core.anatomy import Anatomy, RegionSet
     from naris.core.results import Registration
     from naris.register.observation import Observation
@@ -42,7 +45,8 @@ class Options:
     alone: bool = False
     """Take the points that this picture saw and no others. With --cloud FOLDER."""
     intrinsics: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
-    """Camera of the depth image: JSON with width, height, fx, fy, cx, cy in pixels and the lens. With --depth."""
+    """Camera of the depth image: JSON with width, height, fx, fy, cx, cy in pixels and the lens. With --depth; or that
+    of the frame, with --cloud FILE and --contours."""
     depth_unit_mm: IfGiven[float] = None
     """What one step of the depth image is, in mm; 1 when not given. With --depth or --rig."""
     scale: IfGiven[Literal["known", "unknown", "prior"]] = None
@@ -71,6 +75,8 @@ class Options:
     """The picture, of several the first: for a model to say where it was taken, and to draw the walls on."""
     model: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-m"], metavar="MODEL")] = None
     """Weights made by naris train on this anatomy; they say where to begin. With --frame."""
+    contours: bool = False
+    """Then move the pose until edges of walls fall on edges of the frame. With --frame and its camera."""
     most_tilt_deg: float = 90.0
     """The camera looks within this angle of the way inwards, where no pose is known."""
     most_roll_deg: float = 40.0
@@ -117,7 +123,8 @@ def run(options: Options, console: Console) -> int:
             config = replace(config, least_probability=options.probability)
         found = register(at, seen.observation, belief, config)
         advance(1)
-    data = _told(found, anatomy, seen.observation, options.method)
+    found, contours = _with_contours(options, found, anatomy, seen, ground)
+    data = _told(found, anatomy, seen.observation, options.method) | {"contours": contours}
     if options.out is not None:
         pose = found.anatomy_T_camera
         looks = looks_of(pose, anatomy, seen, ground, flickers=options.frame is not None)
@@ -143,12 +150,23 @@ def _check(options: Options) -> None:
         refuse(options, ("regions",), "only with --region", "no region")
     if (options.model is not None) and options.frame is None:
         raise InputError("--frame with --model", "none", "give the picture that the model is to look at")
+    if options.contours:
+        _check_camera(options)
     if options.model is not None:
         refuse(options, ("region",), "without --model", "a model that tells the region")
     if options.shape_model is not None or options.modes is not None:
         refuse(options, ("probability",), "only without a shape", "a shape, whose registration has none")
+        if options.contours:
+            raise InputError("--contours only without a shape", "a shape", "leave it out")
         if options.method != "naris":
             raise InputError("--method naris with a shape", f"--method {options.method}", "leave --method out")
+
+
+def _check_camera(options: Options) -> None:
+    of_points = options.cloud is not None and not options.cloud.is_dir()
+    for name, lacks in (("frame", options.frame is None), ("intrinsics", of_points and options.intrinsics is None)):
+        if lacks:
+            raise InputError(f"--{name} with --contours", "none", "give the frame and its camera")
 
 
 def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
@@ -171,6 +189,23 @@ def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
         )
     (prediction,) = locate([options.frame], localizer)
     return replace(of_prediction(prediction, anatomy.region_set(subject.regions.name)), orientation=orientation)
+
+
+def _with_contours(
+    options: Options, found: Registration, anatomy: Anatomy, seen: Seen, frame: np.ndarray | None
+) -> tuple[Registration, dict[str, Any] | None]:
+    """The pose as the edges of the frame have it, and what is told of them; None where that is not asked for."""
+    if not options.contours or frame is None or seen.intrinsics is None:
+        return found, None
+    import math
+
+    from naris.register.contour import sharpened
+    from naris.render.scene import Scene
+
+    made = sharpened(Scene(anatomy), found, frame, seen.intrinsics)
+    before, after = (None if math.isnan(px) else px for px in made.off_px)
+    told = {"edges": made.edges, "used": made.moved_mm > 0, "moved_mm": made.moved_mm, "moved_deg": made.moved_deg}
+    return made.registration, told | {"off_px_before": before, "off_px_after": after}
 
 
 def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str) -> dict[str, Any]:
@@ -206,5 +241,10 @@ def _text(data: dict[str, Any]) -> str:
         return f"refused: {data['reason']}\n  best guess near {where}, not to be used"
     scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} mm per unit"
     lines = [f"registered: camera at {where}, probability {data['probability']:.2f} of 2 mm and 5°{scale}"]
+    if (edges := data["contours"]) is not None:
+        moved = f"moved by {edges['moved_mm']:.2f} mm and {edges['moved_deg']:.1f}°" if edges["used"] else "not moved"
+        lines.append(
+            f"  by edges of the frame: {moved}, {edges['edges']} places on edges of walls have one beside them"
+        )
     lines += [f"  kept in {file}" for file in data.get("files", [])]
     return "\n".join(lines)
