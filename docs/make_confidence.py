@@ -1,6 +1,9 @@
 """Fit the probability of a registration (`naris.register.confidence`) on simulated trials, and write it.
 
-    python docs/make_confidence.py       # about twenty minutes; writes src/naris/register/confidence.json
+    python docs/make_confidence.py            # about twenty minutes; writes src/naris/register/confidence.json
+    python docs/make_confidence.py 0 2        # the even patients of it alone, for two at once; then the first line
+
+What each patient came to is kept in out/confidence, by the solver's sources, and not done again.
 
 Virtual patients with views drawn as those of `naris bench register`, but of other seeds: from nothing, every second one
 from the true region, with noise a to d; every second one to another patient, which are all wrong; and every fifth
@@ -9,6 +12,8 @@ with noise that is said to be less or more than it is. A logistic regression wit
 
 from __future__ import annotations
 
+import hashlib
+import json
 import sys
 import time
 from collections.abc import Iterator
@@ -21,9 +26,10 @@ from scipy.optimize import minimize
 
 import naris
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.bench.trials import NOISES, Noise, Trial, drawn_trials
+from naris.bench.trials import NOISES, Trial, drawn_trials
 from naris.core.atomic import write_json
 from naris.core.pose import distance
+from naris.evaluate.score import reliability
 from naris.register import confidence
 from naris.register import register as registration
 from naris.register.map import RegistrationMap, registration_map
@@ -31,35 +37,44 @@ from naris.register.observation import Observation
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, Belief, in_region
 
-OUT = Path(__file__).parents[1] / "src" / "naris" / "register" / confidence.FITTED
-SEED, PATIENTS, VIEWS, RIDGE = 3_000_000, 18, 10, 1e-3
-OTHER_WEIGHT, MISTOLD_WEIGHT = 2 / 3, 1 / 3
+ROOT = Path(__file__).parents[1]
+OUT = ROOT / "src" / "naris" / "register" / confidence.FITTED
+SEED, PATIENTS, VIEWS, RIDGE = 3_000_000, 36, 10, 1e-3
+WEIGHTS = {
+    f"{start} {noise}": weight
+    for start, weight in (("none", 1.0), ("region", 1.0), ("other", 1 / 3), ("mistold", 1 / 3))
+    for noise in NOISES
+}
+_GROUPS = 6
 MISTOLD = (0.6, 1.7)
 """What the deviations of the noise are multiplied with where they are told wrong."""
 
 
 class Row(NamedTuple):
-    """One registration for the fit."""
+    """One registration for the fit: how it began with which noise, what spoke for it, and whether it was right."""
 
-    evidence: confidence.Evidence
+    kind: str
+    features: np.ndarray
     right: bool
-    weight: float
+
+    def to_json(self) -> list[object]:
+        """Its parts in their order."""
+        return [self.kind, self.features, self.right]
 
 
-def main() -> None:
-    """Trials, then the fit."""
-    done: list[Row] = []
-    begun, last = time.perf_counter(), None
-    for number in range(PATIENTS):
-        nose = virtual_patient(SEED, number)
-        at, trials = registration_map(nose), drawn_trials(nose, VIEWS, SEED + number)
-        for view, trial in enumerate(trials):
-            for noise in NOISES:
-                done += rows(at, last, trial, noise, view)
-        last = at
-        print(f"{number + 1} of {PATIENTS} patients, {time.perf_counter() - begun:.0f} s", file=sys.stderr)
-    evidence, right, weight = zip(*done, strict=True)
-    x, y, w = np.array([one.features for one in evidence]), np.array(right, dtype=float), np.array(weight)
+def main(part: int = 0, parts: int = 1) -> None:
+    """Trials of every `parts`-th patient, then the fit if all are there."""
+    begun = time.perf_counter()
+    for number in range(part, PATIENTS, parts):
+        if not _kept(number).is_file():
+            write_json(_kept(number), [row.to_json() for row in of_patient(number)])
+            print(f"patient {number + 1} of {PATIENTS}, {time.perf_counter() - begun:.0f} s", file=sys.stderr)
+    if not all(_kept(number).is_file() for number in range(PATIENTS)):
+        return
+    done = [(number, *row) for number in range(PATIENTS) for row in json.loads(_kept(number).read_text())]
+    of, kind, features, right = (np.array(column) for column in zip(*done, strict=True))
+    x, y, w = features, right.astype(float), np.array([WEIGHTS[one] for one in kind])
+    _tell_left_out(of, kind, x, y, w)
     weights, bias = _fitted(x, y, w)
     write_json(
         OUT,
@@ -78,26 +93,28 @@ def main() -> None:
     )
 
 
-def rows(at: RegistrationMap, last: RegistrationMap | None, trial: Trial, noise: Noise, view: int) -> Iterator[Row]:
-    """All that is registered of one view: its evidence, whether it was right, and what it weighs."""
-    seen = trial.observation(noise)
-    yield one(at, seen, NOTHING, trial, view)
-    if view % 2 == 0:
-        regions = at.anatomy.region_set()
+def of_patient(number: int) -> Iterator[Row]:
+    """All that is registered of a patient's views."""
+    nose = virtual_patient(SEED, number)
+    at, other = registration_map(nose), registration_map(virtual_patient(SEED, (number - 1) % PATIENTS))
+    regions = nose.region_set()
+    for view, trial in enumerate(drawn_trials(nose, VIEWS, SEED + number)):
         region = regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))]
-        yield one(at, seen, in_region(regions, region), trial, view)
-    elif last is not None:
-        evidence, _, _ = one(last, seen, NOTHING, trial, view)
-        yield Row(evidence, False, OTHER_WEIGHT)
-    if view % 5 == 3:
-        for factor in MISTOLD:
-            told = replace(
-                seen, radial=factor * seen.radial, isotropic=factor * seen.isotropic, smooth=factor * seen.smooth
-            )
-            yield one(at, told, NOTHING, trial, view)._replace(weight=MISTOLD_WEIGHT)
+        for noise in NOISES:
+            seen = trial.observation(noise)
+            yield one(f"none {noise}", at, seen, NOTHING, trial, view)
+            if view % 2 == 0:
+                yield one(f"region {noise}", at, seen, in_region(regions, region), trial, view)
+            else:
+                yield one(f"other {noise}", other, seen, NOTHING, trial, view)._replace(right=False)
+            for factor in MISTOLD if view % 5 == 3 else ():
+                told = replace(
+                    seen, radial=factor * seen.radial, isotropic=factor * seen.isotropic, smooth=factor * seen.smooth
+                )
+                yield one(f"mistold {noise}", at, told, NOTHING, trial, view)
 
 
-def one(at: RegistrationMap, seen: Observation, belief: Belief, trial: Trial, seed: int) -> Row:
+def one(kind: str, at: RegistrationMap, seen: Observation, belief: Belief, trial: Trial, seed: int) -> Row:
     """One registration, judged by the truth."""
     kept = []
 
@@ -108,7 +125,33 @@ def one(at: RegistrationMap, seen: Observation, belief: Belief, trial: Trial, se
     registration.probability = keep
     result = register(at, seen, belief, RegisterConfig(seed=seed))
     off_mm, off_rad = distance(result.best, trial.anatomy_T_camera)
-    return Row(kept[0], bool(off_mm <= 2.0 and np.rad2deg(off_rad) <= 5.0), 1.0)
+    return Row(kind, kept[0].features, bool(off_mm <= 2.0 and np.rad2deg(off_rad) <= 5.0))
+
+
+def _kept(number: int) -> Path:
+    """Where the rows of a patient are kept; other sources, other rows."""
+    sources = sorted((ROOT / "src/naris/register").glob("*.py"))
+    digest = hashlib.sha256(b"".join(one.read_bytes() for one in sources)).hexdigest()[:12]
+    return ROOT / "out" / "confidence" / digest / f"{SEED}-{number}.json"
+
+
+def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> None:
+    """What the benchmark would say of patients that were not fitted on, six groups in turn."""
+    said = np.zeros(len(y))
+    for group in range(_GROUPS):
+        left_out = of % _GROUPS == group
+        weights, bias = _fitted(x[~left_out], y[~left_out], w[~left_out])
+        said[left_out] = 1 / (1 + np.exp(-(x[left_out] @ weights + bias)))
+    final, other = np.isin(kind, ["none b", "none c", "none d"]), kind == "other b"
+    p, right = said[final], y[final]
+    first = np.argsort(-p, kind="stable")[: round(0.8 * len(p))]
+    above = p[right > 0][:, None] - p[right < 1][None]
+    print(
+        f"left out: right {right.mean():.3f}, AUROC {(above > 0).mean():.4f}, false accepts at 80 % "
+        f"{1 - right[first].mean():.4f}, ECE {reliability(p, right > 0).ece:.4f}, accepted {(p >= 0.8).mean():.3f}, "
+        f"other patients refused {(said[other] < 0.8).mean():.3f}",
+        file=sys.stderr,
+    )
 
 
 def _fitted(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
@@ -129,4 +172,4 @@ def _fitted(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, fl
 
 
 if __name__ == "__main__":
-    main()
+    main(*(int(word) for word in sys.argv[1:3]))
