@@ -13,7 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from naris.core.atomic import PART, check_writable, replacing, to_json, write_bytes, write_json, write_text
+from naris.core.atomic import (
+    PART,
+    check_reachable,
+    check_writable,
+    replacing,
+    to_json,
+    write_bytes,
+    write_json,
+    write_text,
+)
 from naris.errors import DiskFull, InputError
 
 
@@ -117,3 +126,19 @@ def test_json_knows_numpy_and_paths() -> None:
     assert json.loads(to_json(value)) == {"a": 0.5, "b": [0, 1, 2], "c": "x/y", "d": True, "µ": "°"}
     with pytest.raises(TypeError, match="complex"):
         to_json({"a": 1j})
+
+
+def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) -> None:
+    check_reachable(tmp_path / "a" / "b" / "c.json")
+    assert not (tmp_path / "a").exists()
+    (tmp_path / "file").write_text("")
+    check_reachable(tmp_path / "file")
+    with pytest.raises(InputError, match="no folder"):
+        check_reachable(tmp_path / "file" / "b")
+
+
+@pytest.mark.skipif(getattr(os, "getuid", lambda: 1)() == 0, reason="the superuser may write everywhere")
+def test_a_folder_without_permission_is_told(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(InputError, match="nothing may be written"):
+        check_reachable(tmp_path / "a")

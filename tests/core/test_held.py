@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -11,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from naris.cli import main
-from naris.core.held import check_reachable, held
+from naris.core.held import held
 from naris.errors import InputError
 
 HOLD = """
@@ -44,19 +43,3 @@ def test_another_process_is_refused_until_the_first_is_killed(
         assert not out.exists()
     with held(out):
         pass
-
-
-def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path: Path) -> None:
-    check_reachable(tmp_path / "a" / "b" / "c.json")
-    assert not (tmp_path / "a").exists()
-    (tmp_path / "file").write_text("")
-    check_reachable(tmp_path / "file")
-    with pytest.raises(InputError, match="no folder"):
-        check_reachable(tmp_path / "file" / "b")
-
-
-@pytest.mark.skipif(getattr(os, "getuid", lambda: 1)() == 0, reason="the superuser may write everywhere")
-def test_a_folder_without_permission_is_told(tmp_path: Path) -> None:
-    tmp_path.chmod(0o500)
-    with pytest.raises(InputError, match="nothing may be written"):
-        check_reachable(tmp_path / "a")

@@ -188,19 +188,22 @@ def test_voxels_that_are_no_numbers_are_counted(name: str, tmp_path: Path) -> No
     assert told["no numbers"].weight == "warning"
     assert told["no numbers"].text.startswith("60 voxels")
     hu[:, :, 4] = np.nan
-    with pytest.raises(ScanError, match="1 of 8 slices without, slice 4 among them"):
+    with pytest.raises(ScanError, match="1 of 8 planes without, number 4 among them"):
+        read_file(write(tmp_path / name, hu, np.eye(4)))
+    hu[:] = 40.0
+    hu[7] = np.nan
+    with pytest.raises(ScanError, match="1 of 12 planes without, number 7 among them"):
         read_file(write(tmp_path / name, hu, np.eye(4)))
     hu[:] = np.nan
-    with pytest.raises(ScanError, match="8 of 8 slices without"):
+    with pytest.raises(ScanError, match="12 of 12 planes without"):
         read_file(write(tmp_path / name, hu, np.eye(4)))
 
 
-def test_slices_without_numbers_at_the_ends_are_left_out_and_the_rest_stays_where_it_is(tmp_path: Path) -> None:
+def test_planes_without_numbers_at_the_sides_are_left_out_and_the_rest_stays_where_it_is(tmp_path: Path) -> None:
     """As a scan that was turned has them."""
     hu, matrix = grid().astype(np.float32), affine(3)
-    hu[:, :, :2] = hu[:, :, -1] = np.nan
+    hu[:, :, :2] = hu[:, :, -1] = hu[0] = hu[:, -1] = np.nan
     found = read_file(write(tmp_path / "a.nrrd", hu, matrix))
-    assert "3 slices at the ends" in {one.code: one.text for one in found.findings}["no numbers"]
-    assert found.volume.shape[2] == hu.shape[2] - 3
-    np.testing.assert_array_equal(found.volume.hu, grid()[:, :, 2:-1])
-    np.testing.assert_allclose(found.volume.points_mm(np.zeros(3)), (matrix @ [0, 0, 2, 1])[:3], atol=1e-4)
+    assert "5 planes at the sides" in {one.code: one.text for one in found.findings}["no numbers"]
+    np.testing.assert_array_equal(found.volume.hu, grid()[1:, :-1, 2:-1])
+    np.testing.assert_allclose(found.volume.points_mm(np.zeros(3)), (matrix @ [1, 0, 2, 1])[:3], atol=1e-4)

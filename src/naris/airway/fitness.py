@@ -99,7 +99,7 @@ def look_at(scan: Scan, airway: Airway | None = None) -> Look:
         scan: as it was read.
         airway: what was found in it, if anything.
     """
-    findings = [*scan.findings, *_coarse(scan), *_uneven(scan.volume)]
+    findings = [*scan.findings, *_coarse(scan), *_oblong(scan.volume)]
     metal_ml, highest_mm = _metal(scan.volume)
     try:
         if airway is None:
@@ -132,7 +132,7 @@ def _coarse(scan: Scan) -> list[Finding]:
     return [Finding("coarse slices", told, "warning")]
 
 
-def _uneven(volume: Volume) -> list[Finding]:
+def _oblong(volume: Volume) -> list[Finding]:
     """Where no two axes have one spacing: the pixels of CT slices are square."""
     low, middle, high = sorted(volume.spacing_mm.tolist())
     if middle <= _SQUARE * low or high <= _SQUARE * middle:

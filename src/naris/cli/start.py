@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 import naris
 from naris.cli.console import Console, console_for
 from naris.cli.options import check_numbers
-from naris.core.atomic import to_json
-from naris.core.held import check_reachable, held
+from naris.core.atomic import check_reachable, to_json
+from naris.core.held import held
 from naris.errors import InputError, NarisError, OutOfMemory
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ class _Outcome:
 def _near_sub(words: Sequence[str], verbs: Mapping[str, Verb]) -> str | None:
     """The verb of two words that was meant by one that is nothing else either."""
     several = [verb for verb in verbs if verb.startswith(f"{words[0]} ")]
-    if words[1].startswith("-") or os.path.exists(words[1]):  # noqa: PTH110
+    if words[1].startswith("-") or os.path.exists(words[1]):  # noqa: PTH110  (a word too long for a path is none)
         return None
     near = difflib.get_close_matches(" ".join(words[:2]), several, n=1, cutoff=0.85)
     return near[0] if near else None

@@ -87,6 +87,25 @@ def check_writable(path: Path) -> None:
             probe.unlink(missing_ok=True)
 
 
+def check_reachable(out: Path) -> None:
+    """See that something can be made at `out`, before work is spent on it; nothing is made.
+
+    A folder that holds something is the verb's to judge: it may have nothing to do there.
+
+    Raises:
+        InputError: if what is there, or the nearest folder above it, is not a folder or cannot be written to.
+    """
+    if out.is_dir() and any(out.iterdir()):
+        return
+    nearest = out if out.exists() else next(one for one in out.absolute().parents if one.exists())
+    if nearest == out and not nearest.is_dir():
+        nearest = nearest.absolute().parent
+    if not nearest.is_dir():
+        raise InputError(f"a place to write {out}", f"{nearest}, which is no folder", "give another path")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(f"a place to write {out}", f"{nearest}, where nothing may be written", "give another path")
+
+
 def write_bytes(path: Path, content: bytes, *, durable: bool = True) -> None:
     """Makes or replaces a file.
 

@@ -17,10 +17,10 @@ from typing import Any
 import nibabel
 import nrrd
 import numpy as np
-from jaxtyping import Float, Int16, Num
+from jaxtyping import Float, Int, Int16, Num
 
 from naris.core.volume import Volume
-from naris.ct.continuity import check_continuity, slice_number
+from naris.ct.continuity import check_continuity
 from naris.ct.metaimage import meta_header, meta_values
 from naris.ct.packed import check_payload
 from naris.ct.resample import AIR_HU, upright
@@ -86,7 +86,7 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
         logger.disabled = before
 
 
-_LACKING = 0.5  # of a slice
+_LACKING = 0.5  # of a plane
 _LAST_AXIS = 2
 """Along which programs that turn DICOM into files put the slices, however thin these are."""
 
@@ -248,33 +248,44 @@ def _as_hu(values: Num[np.ndarray, "ni nj nk"]) -> Int16[np.ndarray, "ni nj nk"]
 
 def _with_numbers(
     values: Num[np.ndarray, "ni nj nk"], matrix: Float[np.ndarray, "4 4"], path: Path
-) -> tuple[Num[np.ndarray, "ni nj nl"], Float[np.ndarray, "4 4"], list[Finding]]:
-    """Without the slices at either end that have hardly a number, as a scan that was turned has; and a warning.
+) -> tuple[Num[np.ndarray, "nl nm nn"], Float[np.ndarray, "4 4"], list[Finding]]:
+    """Without the planes at its sides that have hardly a number, as a scan that was turned has; and a warning.
 
     Raises:
-        ScanError: if such slices lie between others, or there are no others: they would be taken for air.
+        ScanError: if such planes lie between others, or there are no others: they would be taken for air.
     """
     if not np.issubdtype(values.dtype, np.floating):
         return values, matrix, []
-    lacking = np.array([np.count_nonzero(~np.isfinite(values[:, :, k])) for k in range(values.shape[2])])
-    if not lacking.any():
+    lacking = [np.zeros(n, np.int64) for n in values.shape]
+    for k in range(values.shape[2]):  # slice by slice: several copies of a whole scan do not fit everywhere
+        lacks = ~np.isfinite(values[:, :, k])
+        lacking[0] += lacks.sum(axis=1)
+        lacking[1] += lacks.sum(axis=0)
+        lacking[2][k] = lacks.sum()
+    if not lacking[2].any():
         return values, matrix, []
-    full = np.flatnonzero(lacking <= _LACKING * values[:, :, 0].size)
-    first, last = (int(full[0]), int(full[-1])) if len(full) else (0, -1)
-    inner = np.setdiff1d(np.arange(first, last + 1), full)
-    if len(inner) or not len(full):
-        told = f"{values.shape[2] - len(full)} of {values.shape[2]} slices without"
-        if len(inner):
-            told += f", {slice_number(int(inner[0]))} among them"
+    kept = [_between_numbers(one, values.size // len(one), path) for one in lacking]
+    moved = matrix.copy()
+    moved[:3, 3] += matrix[:3, :3] @ [one.start for one in kept]
+    told = f"{lacking[2].sum():,} voxels are no numbers (NaN or infinite) and were read as air"
+    if (left_out := sum(values.shape) - sum(one.stop - one.start for one in kept)) > 0:
+        told += f"; {left_out} planes at the sides that are mostly so were left out"
+    return values[tuple(kept)], moved, [Finding("no numbers", told, "warning")]
+
+
+def _between_numbers(lacking: Int[np.ndarray, "n"], size: int, path: Path) -> slice:
+    """The planes from the first to the last with enough numbers."""
+    is_full = lacking <= _LACKING * size
+    full = np.flatnonzero(is_full)
+    kept = slice(int(full[0]), int(full[-1]) + 1) if len(full) else slice(0, 0)
+    if not len(full) or not is_full[kept].all():
+        told = f"{(~is_full).sum()} of {len(is_full)} planes without"
+        if len(full):
+            told += f", number {kept.start + int(np.argmin(is_full[kept]))} among them"
         raise ScanError(
             f"numbers, not NaN, in every slice of {path.name}", told, "leave such slices out, or export the scan anew"
         )
-    moved = matrix.copy()
-    moved[:3, 3] += first * matrix[:3, 2]
-    told = f"{lacking.sum():,} voxels are no numbers (NaN or infinite) and were read as air"
-    if (left_out := values.shape[2] - (last + 1 - first)) > 0:
-        told += f"; {left_out} slices at the ends that are mostly so were left out"
-    return values[:, :, first : last + 1], moved, [Finding("no numbers", told, "warning")]
+    return kept
 
 
 def _damaged(path: Path, kind: str, error: Exception) -> ScanError:

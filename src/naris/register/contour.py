@@ -18,8 +18,8 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import Registration
 from naris.errors import ImageError
-from naris.register.look import STEP
-from naris.render.scene import Scene, render
+from naris.register.look import JUMP, depth_from
+from naris.render.scene import Scene
 
 FEWEST_EDGES = 20
 _MOST_EDGES = 300
@@ -100,20 +100,19 @@ def sharpened(
         )
     picture, information = _picture(frame), np.linalg.inv(found.covariance)
     pose, twist = found.best, np.zeros(6)
-    before = np.nan
-    for turn, reach in enumerate(_REACH):
-        edges = _edges(scene, pose, picture, intrinsics, reach * intrinsics.width)
-        if edges is None or edges.seen < FEWEST_EDGES:
-            return Sharpened(found, 0 if edges is None else edges.seen, 0.0, 0.0, (np.nan, np.nan))
-        before = edges.middle_px if turn == 0 else before
+    edges = first = _edges(scene, pose, picture, intrinsics, _REACH[0])
+    for reach in (*_REACH[1:], _REACH[-1]):
+        if edges.seen < FEWEST_EDGES:
+            return Sharpened(found, edges.seen, 0.0, 0.0, (np.nan, np.nan))
         matrix, right = _equations(edges)
         step = np.linalg.solve(matrix + information, right - information @ twist)
         moved_mm, moved_rad = float(np.linalg.norm(step[:3])), float(np.linalg.norm(step[3:]))
         step *= min(1.0, _LONGEST_MM / max(moved_mm, 1e-9), _LONGEST_RAD / max(moved_rad, 1e-9))
         pose, twist = pose @ Pose.exp(step, CAMERA, CAMERA), twist + step
-    edges = _edges(scene, pose, picture, intrinsics, _REACH[-1] * intrinsics.width)
-    if edges is None or edges.seen < FEWEST_EDGES or not edges.middle_px <= before:
-        return Sharpened(found, 0 if edges is None else edges.seen, 0.0, 0.0, (before, before))
+        edges = _edges(scene, pose, picture, intrinsics, reach)
+    off_px = (first.middle_px, edges.middle_px)
+    if edges.seen < FEWEST_EDGES or not off_px[1] <= off_px[0]:
+        return Sharpened(found, edges.seen, 0.0, 0.0, off_px)
     matrix, _ = _equations(edges)
     moved = replace(
         found,
@@ -127,12 +126,15 @@ def sharpened(
         edges.seen,
         float(np.linalg.norm(by[:3])),
         float(np.rad2deg(np.linalg.norm(by[3:]))),
-        (before, edges.middle_px),
+        off_px,
     )
 
 
 def _picture(frame: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w"]:
-    """The logarithm of its brightness, blurred a little; NaN in and near the black frame around it."""
+    """The logarithm of its brightness, blurred a little; NaN in and near what may be a black frame around it.
+
+    Whether it has the shape of one (`naris.locate.view`) is not asked: what is black to the border tells no edge.
+    """
     grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
     picture = np.log(cv2.GaussianBlur(grey, (0, 0), _BLUR_PX) + _DARK)
     count, pieces = cv2.connectedComponents((grey < _FRAME_GREY).astype(np.uint8))
@@ -145,17 +147,15 @@ def _picture(frame: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w"]:
 
 
 def _edges(
-    scene: Scene, pose: Pose, picture: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, reach_px: float
-) -> _Edges | None:
-    """Edges of the walls as seen from a pose, and the strongest edge of the picture beside each; None without any."""
-    depth = render(scene, pose, intrinsics, want=("depth",)).depth_mm
-    if depth is None:
-        return None
-    near, at_px, normal = _jumps(np.asarray(depth[0] if depth.ndim == 3 else depth, dtype=np.float64))
+    scene: Scene, pose: Pose, picture: Float32[np.ndarray, "h w"], intrinsics: Intrinsics, reach: float
+) -> _Edges:
+    """Edges of the walls as seen from a pose, and the strongest edge of the picture beside each."""
+    depth = depth_from(scene, pose, intrinsics)
+    near, at_px, normal = _jumps(depth)
     if not len(near):
-        return None
-    off_px, clearness = _beside(picture, at_px, normal, reach_px)
-    z = (depth[0] if depth.ndim == 3 else depth)[near[:, 1], near[:, 0]]
+        return _Edges(np.zeros(0), np.zeros((0, 6)), np.zeros(0))
+    off_px, clearness = _beside(picture, at_px, normal, reach * intrinsics.width)
+    z = depth[near[:, 1], near[:, 0]]
     rays = intrinsics.unproject(near.astype(np.float64))
     points = rays / rays[:, 2:] * z[:, None]
     moved = [intrinsics.project(points + _NUDGE_MM * axis)[0] for axis in np.eye(3)]
@@ -177,7 +177,7 @@ def _jumps(
     for axis in (0, 1):
         jump = np.diff(log, axis=axis)
         first, second = (known[:-1], known[1:]) if axis == 0 else (known[:, :-1], known[:, 1:])
-        row, column = np.nonzero((np.abs(jump) > STEP) & first & second)
+        row, column = np.nonzero((np.abs(jump) > JUMP) & first & second)
         is_first = jump[row, column] > 0
         down, right = (1, 0) if axis == 0 else (0, 1)
         near = np.stack([column + right * ~is_first, row + down * ~is_first], axis=1)

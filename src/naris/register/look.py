@@ -13,7 +13,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
 from naris.render.scene import Scene, render
 
-STEP = 0.12
+JUMP = 0.12
 """Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
 _EDGE_RGB = (60, 255, 120)
 _FAR_SHARE = 0.98
@@ -31,12 +31,18 @@ def seen_from(
     return rgb[0], np.asarray(depth[0], dtype=np.float64)
 
 
+def depth_from(scene: Scene, pose: Pose, intrinsics: Intrinsics) -> Float[np.ndarray, "h w"]:
+    """The z-depth (mm, 0 where none) of a camera there, without a picture."""
+    depth = render(scene, pose, intrinsics, want=("depth",)).depth_mm
+    return np.zeros((intrinsics.height, intrinsics.width)) if depth is None else np.asarray(depth[0], dtype=np.float64)
+
+
 def edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Pixels where the depth jumps to the right or below."""
     log = np.log(np.maximum(depth, 1e-3))
     jump = np.zeros(depth.shape, dtype=bool)
-    jump[:, :-1] |= np.abs(np.diff(log, axis=1)) > STEP
-    jump[:-1] |= np.abs(np.diff(log, axis=0)) > STEP
+    jump[:, :-1] |= np.abs(np.diff(log, axis=1)) > JUMP
+    jump[:-1] |= np.abs(np.diff(log, axis=0)) > JUMP
     return jump & (depth > 0)
 
 
