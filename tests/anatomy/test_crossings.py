@@ -153,3 +153,14 @@ def test_some_noses_within_the_normal_ranges_do_not_cross_themselves() -> None:
     for number in range(4):
         nose = virtual_patient(0, number)
         assert len(crossings(nose.vertices_mm, nose.faces)) == 0
+
+
+def test_pairs_asked_for_are_those_of_all_with_one_of_the_faces() -> None:
+    rng = np.random.default_rng(3)
+    vertices, faces = rng.uniform(-1, 1, (40, 3)), rng.integers(0, 40, (120, 3))
+    faces = faces[(np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)]
+    asked = rng.random(len(faces)) < 0.2
+    everything = crossings(vertices, faces)
+    expected = everything[asked[everything].any(axis=1)]
+    assert 0 < len(expected) < len(everything)
+    assert np.array_equal(crossings(vertices, faces, asked), expected)

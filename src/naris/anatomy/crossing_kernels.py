@@ -181,8 +181,8 @@ def _planes(t):
 
 
 @njit(cache=True, nogil=True)
-def crossing_in_strips(t, faces, boxes, strips, start, members, most):
-    """Pairs of faces that cross, at most so many.
+def crossing_in_strips(t, faces, boxes, strips, start, members, asked, most):
+    """Pairs of faces that cross, at most so many, of which one at least is asked for.
 
     `boxes` (F, 6) holds the low and the high corner of each face, `strips` (F,) the first strip across the second axis
     that it reaches into; `members[start[s]:start[s + 1]]` are the faces of strip s by the low end of their boxes along
@@ -196,6 +196,8 @@ def crossing_in_strips(t, faces, boxes, strips, start, members, most):
                 g = members[b]
                 if boxes[g, 0] > boxes[f, 3]:
                     break
+                if not (asked[f] or asked[g]):
+                    continue
                 if boxes[g, 1] > boxes[f, 4] or boxes[g, 4] < boxes[f, 1]:
                     continue
                 if boxes[g, 2] > boxes[f, 5] or boxes[g, 5] < boxes[f, 2]:

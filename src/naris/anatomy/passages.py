@@ -8,6 +8,7 @@ ones, as in TEASAR (Sato et al., Pacific Graphics 2000), to whatever part of the
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -28,7 +29,7 @@ _COVERED_MM = 9.0
 _MOST_BRANCHES = 6
 _SAME_WAY_MM = 1.5
 _DEAD_END_MM = 6.0
-_AROUND_MM = 5.0
+_AROUND_MM = 5.0, 12.0
 _NOSTRIL, _NASOPHARYNX = "nostril", "nasopharynx"
 
 
@@ -97,11 +98,11 @@ def find_passages(
 
 
 def _finer(anatomy: Anatomy, distance: SignedDistance, route: Route, spacing_mm: float) -> Passage:
-    """Around the points of a route, or, where the way there makes a detour, in the whole lumen."""
-    try:
-        return find_passages(anatomy, distance.around(route.points_mm, _AROUND_MM, spacing_mm), [route])[0]
-    except PoseError:
-        return find_passages(anatomy, distance.around(anatomy.bounds_mm, spacing_mm, spacing_mm), [route])[0]
+    """Around the points of a route; where the way makes a detour, further around them, then in the whole lumen."""
+    for margin_mm in _AROUND_MM:
+        with suppress(PoseError):
+            return find_passages(anatomy, distance.around(route.points_mm, margin_mm, spacing_mm), [route])[0]
+    return find_passages(anatomy, distance.around(anatomy.bounds_mm, spacing_mm, spacing_mm), [route])[0]
 
 
 def _stops(graph: LumenGraph, routes: Sequence[Route]) -> tuple[dict[str, list[int]], list[_Narrow]]:
