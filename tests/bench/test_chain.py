@@ -14,6 +14,7 @@ from naris.bench import BenchRequest, chain, chain_patient
 from naris.bench.chain import VIRTUAL, chosen, figures, inputs, lost
 from naris.bench.chain_patient import BELIEFS, CHAIN_NOISES, ChainConfig, Patient, beliefs, measured
 from naris.bench.chain_record import Fit, FrameRecord, Outcome, PatientRecord, read_record, write_record
+from naris.bench.point_peers import PEERS, missing
 from naris.bench.result import Figure
 from naris.core.anatomy import Anatomy
 from naris.core.pose import CAMERA, Pose
@@ -31,7 +32,8 @@ def frame(given: Outcome, others: Mapping[str, Outcome] | None = None, said: str
     """One whose registrations are right, but for that of the prediction and some others."""
     of_noise = dict.fromkeys(BELIEFS, RIGHT) | {"prediction": given} | dict(others or {})
     networks = {"compact": said, "two_layer": "two"}
-    return FrameRecord("one", networks, 2.0, 5.0, dict.fromkeys(CHAIN_NOISES, of_noise), "abc")
+    by_others = {"b": {"Open3D": LOST}, "c": {}}
+    return FrameRecord("one", networks, 2.0, 5.0, dict.fromkeys(CHAIN_NOISES, of_noise), by_others, "abc")
 
 
 def patient(*frames: FrameRecord, real: bool = False) -> PatientRecord:
@@ -55,7 +57,9 @@ def test_shares_are_of_all_frames_and_a_refusal_is_a_failure() -> None:
     assert made[f"{base}.true.tre_lt2"].value == 1
     assert made["register.chain.compact.region_accuracy"].value == 0.75
     assert made["register.chain.two_layer.region_accuracy"].value == 0
-    assert all(figure.n == 4 for name, figure in made.items() if ".b." in name)
+    assert made[f"{base}.by_open3d.tre_lt2"].value == 0
+    assert all(figure.n == 4 for name, figure in made.items() if ".b." in name and figure.value is not None)
+    assert made["register.chain.c.by_open3d.tre_lt2"].value is None
 
 
 def test_right_refused_and_wrong_are_all_there_is_and_every_loss_has_a_reason() -> None:
@@ -112,7 +116,7 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert read_record(tmp_path / "none.json") is None
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"schema": "other"}', '{"schema": "naris.chain/1", "frames": [1]}'])
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": "other"}', '{"schema": "naris.chain/2", "frames": [1]}'])
 def test_another_file_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "frames.json").write_text(text)
     with pytest.raises(InputError, match="remove that file"):
@@ -162,6 +166,7 @@ def test_a_patient_that_was_broken_off_goes_on_where_it_was(tmp_path: Path, monk
     assert done.frames[0] == first.frames[0]
     assert set(done.frames[0].found) == set(CHAIN_NOISES)
     assert set(done.frames[0].found["c"]) == set(BELIEFS)
+    assert set(done.frames[0].by_others["b"]) == {name for name in PEERS if missing(name) is None}
     monkeypatch.setattr(Patient, "anatomy", _not_again)
     assert measured(tube, TINY, tmp_path / "tube", SILENT) == done
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from naris.bench import BenchRequest, peer_trials
+from naris.bench import BenchRequest, in_our_place, peer_trials
+from naris.bench.in_our_place import SOLVERS
 from naris.bench.point_peers import NOT_INSTALLED
 from naris.bench.trials import FROZEN, has_frozen
 
@@ -16,8 +17,7 @@ DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 @pytest.mark.parametrize("request_", [BenchRequest(), BenchRequest(quick=True, scans=DATA)])
 def test_without_the_trials_or_the_time_there_are_no_values(request_: BenchRequest) -> None:
     told = peer_trials.figures(request_)
-    names = {one.name for one in told}
-    assert {f"register.peers.{name}.d.success" for name in ("naris", "icp", "imlp", "small_gicp", "open3d")} <= names
+    assert {f"register.peers.{name.lower()}.d.success" for name in SOLVERS} <= {one.name for one in told}
     assert all(one.value is None and one.n == 0 for one in told)
 
 
@@ -26,7 +26,7 @@ def test_all_who_are_there_get_the_same_trials(monkeypatch: pytest.MonkeyPatch) 
     if not has_frozen(DATA):
         pytest.skip(f"no frozen trials at {DATA / FROZEN}")
     monkeypatch.setattr(peer_trials, "QUICK_TRIALS", 1)
-    monkeypatch.setattr(peer_trials, "aligner", lambda *_: NOT_INSTALLED)
+    monkeypatch.setattr(in_our_place, "aligner", lambda *_: NOT_INSTALLED)
     told = {one.name: one for one in peer_trials.figures(BenchRequest(quick=True, scans=DATA, only="peers"))}
     for name in ("naris", "icp", "imlp"):
         assert told[f"register.peers.{name}.d.success"].n == 1

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from naris.bench.point_peers import NOT_INSTALLED, PEERS, Target, aligner, target_of
+from naris.bench.point_peers import NOT_INSTALLED, OPEN3D, PEERS, Target, aligner, target_of
 from naris.core.pose import Pose
 from tests.anatomy.shapes import box
 
@@ -27,7 +27,7 @@ def test_the_target_lies_on_the_surface_with_outward_normals(target: Target) -> 
 
 @pytest.mark.parametrize("name", PEERS)
 def test_what_is_not_installed_is_said(name: str, target: Target, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, {"small_gicp": "small_gicp", "Open3D": "open3d"}[name], None)
+    monkeypatch.setitem(sys.modules, "open3d" if name == OPEN3D else "small_gicp", None)
     assert aligner(name, target, (2.0,)) == NOT_INSTALLED
 
 

@@ -4,7 +4,8 @@ For each patient a network learns its nose in minutes, looks at frames from plac
 says starts a registration of the depth there, which is as wrong as that of `naris.bench.trials` (b, c). A frame counts
 as right if its pose was not refused and puts the wall ahead within 2 mm, the mean target registration error
 (`naris.evaluate.targets`): the wall around the optical axis, as that is where somebody works; landmarks, most of them
-far from the tip, stand beside it. Shares are of all frames; a refusal is a failure.
+far from the tip, stand beside it. Shares are of all frames; a refusal is a failure. Other solvers are told what the
+network says too (`naris.bench.in_our_place`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from naris.bench.chain_patient import (
     measured,
 )
 from naris.bench.chain_record import FrameRecord, Outcome, PatientRecord
+from naris.bench.point_peers import PEERS, missing
 from naris.bench.result import Figure, wilson
 from naris.core.provenance import commit, file_digest, plain
 from naris.experiment.claim import claim
@@ -108,6 +110,8 @@ def figures(records: Sequence[PatientRecord]) -> list[Figure]:
         for belief in BELIEFS:
             made += _of_belief(base, noise, belief, all_frames)
         made += _of_lost(f"{base}.{noise}", noise, all_frames)
+        for name in PEERS:
+            made += _of_other(f"{base}.{noise}", noise, name, all_frames)
     real = [record for record in records if record.real]
     if real and len(real) < n:
         for kind, some in (("scans", real), ("virtual", [record for record in records if not record.real])):
@@ -167,6 +171,21 @@ def _of_belief(base: str, noise: str, belief: str, some: Frames) -> list[Figure]
         both = (one.accepted and one.landmarks_mm is not None and one.landmarks_mm < RIGHT_MM for one in found)
         made.insert(2, _share(f"{name}.landmarks_lt2", both))
     return made
+
+
+def _of_other(name: str, noise: str, solver: str, some: Frames) -> list[Figure]:
+    """Of a solver in our place, which refuses nothing: to be held against `likeliest_lt2` of ours."""
+    found = [frame.by_others[noise][solver] for frame in some if solver in frame.by_others[noise]]
+    name = f"{name}.by_{solver.lower()}"
+    if not found:
+        told = {solver: missing(solver) or "not measured"}
+        return [Figure(f"{name}.tre_lt2", None, "1", 0, "higher", peers=told)]
+    spent = float(np.mean([one.cpu_s for one in found]))
+    return [
+        _share(f"{name}.tre_lt1", (one.wall_mm < CLOSE_MM for one in found)),
+        _share(f"{name}.tre_lt2", map(right, found)),
+        Figure(f"{name}.cpu_s", spent, "CPU-s", len(found), "lower"),
+    ]
 
 
 def _of_lost(name: str, noise: str, some: Frames) -> list[Figure]:

@@ -16,6 +16,8 @@ from naris.anatomy.builtin.variation import virtual_patient
 from naris.anatomy.folder import DESCRIPTION, load_anatomy, save_anatomy
 from naris.anatomy.scanned import anatomy_of_airway
 from naris.bench.chain_record import Fit, FrameRecord, Outcome, PatientRecord, read_record, write_record
+from naris.bench.in_our_place import Solver, solver_of
+from naris.bench.point_peers import PEERS
 from naris.bench.register import FROM_POSE
 from naris.bench.trials import CAMERA_OF_TRIALS, Noise, Trial, drawn_trials
 from naris.core.anatomy import Anatomy, RegionSet
@@ -133,13 +135,14 @@ def measured(patient: Patient, config: ChainConfig, folder: Path, progress: Prog
     fit = Fit(runs[COMPACT].wall_s, runs[COMPACT].cpu_s, runs[COMPACT].pictures)
     record = known or PatientRecord(patient.key, f"{anatomy.name}, {anatomy.digest}", patient.scan is not None, fit)
     images = frames(anatomy, trials, seed)
+    others = _others(anatomy, config.seed)
     # What there is to compile is compiled by a frame that does not count, so that no other pays for it.
-    of_frame(at, _looked_at(trials[0], images[0], localizers), seed)
+    of_frame(at, _looked_at(trials[0], images[0], localizers), seed, others)
     with progress.task(f"{patient.key}: frames", views) as advance:
         advance(len(record.frames))
         for number in range(len(record.frames), views):
             seen = _looked_at(trials[number], images[number], localizers)
-            record = record.with_frame(of_frame(at, seen, seed + number))
+            record = record.with_frame(of_frame(at, seen, seed + number, others))
             write_record(record, path)
             advance(1)
     return record
@@ -201,8 +204,14 @@ def _looked_at(trial: Trial, image: UInt8[np.ndarray, "h w 3"], localizers: Mapp
     return Seen(trial, said, spent)
 
 
-def of_frame(at: RegistrationMap, seen: Seen, seed: int) -> FrameRecord:
-    """Every noise with every belief."""
+def _others(anatomy: Anatomy, seed: int) -> dict[str, Solver]:
+    """Those that are installed, made ready."""
+    ready = {name: solver_of(name, anatomy, seed) for name in PEERS}
+    return {name: solver for name, solver in ready.items() if not isinstance(solver, str)}
+
+
+def of_frame(at: RegistrationMap, seen: Seen, seed: int, others: Mapping[str, Solver]) -> FrameRecord:
+    """Every noise with every belief by our solver, with the prediction by the others too."""
     regions, truth = at.anatomy.region_set(), seen.trial.anatomy_T_camera
     compact = seen.said[COMPACT]
     off_mm, off_rad = distance(cast(Pose, compact.hypotheses)[0], truth)
@@ -217,6 +226,7 @@ def of_frame(at: RegistrationMap, seen: Seen, seed: int) -> FrameRecord:
         float(off_mm),
         float(np.rad2deg(off_rad)),
         found,
+        {noise: _by_others(at, seen, noise, believed[PREDICTION], others) for noise in CHAIN_NOISES},
         commit(),
     )
 
@@ -242,13 +252,26 @@ def _outcome(at: RegistrationMap, seen: Seen, noise: Noise, name: str, belief: B
     begun = time.process_time()
     result = register(at, observation, belief, config)
     spent = time.process_time() - begun + (seen.cpu_s[asked] if asked else 0.0)
-    truth = seen.trial.anatomy_T_camera
-    targets_mm = wall_ahead_mm(truth, seen.trial.ranges["a"], seen.trial.rays)
-    landmarks = at.anatomy.landmarks_mm
-    off = target_errors_mm(result.best, truth, np.stack(list(landmarks.values()))).mean() if landmarks else None
+    return _judged(at.anatomy, seen.trial, result.best, result.status == "registered", spent)
+
+
+def _by_others(
+    at: RegistrationMap, seen: Seen, noise: Noise, belief: Belief, others: Mapping[str, Solver]
+) -> dict[str, Outcome]:
+    observation, found = seen.trial.observation(noise), {}
+    for name, solver in others.items():
+        begun = time.process_time()
+        best = solver(at, observation, belief)
+        spent = time.process_time() - begun + seen.cpu_s[COMPACT]
+        found[name] = _judged(at.anatomy, seen.trial, best, True, spent)
+    return found
+
+
+def _judged(anatomy: Anatomy, trial: Trial, pose: Pose, accepted: bool, cpu_s: float) -> Outcome:
+    """A pose beside the truth, by the wall ahead and by the landmarks."""
+    truth, landmarks = trial.anatomy_T_camera, anatomy.landmarks_mm
+    wall_mm = wall_ahead_mm(truth, trial.ranges["a"], trial.rays)
+    off = target_errors_mm(pose, truth, np.stack(list(landmarks.values()))).mean() if landmarks else None
     return Outcome(
-        float(target_errors_mm(result.best, truth, targets_mm).mean()),
-        None if off is None else float(off),
-        result.status == "registered",
-        spent,
+        float(target_errors_mm(pose, truth, wall_mm).mean()), None if off is None else float(off), accepted, cpu_s
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from naris.core.atomic import write_json
 from naris.errors import InputError
 
-SCHEMA = "naris.chain/1"
+SCHEMA = "naris.chain/2"
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class FrameRecord:
         said: by network, the most probable one.
         pose_mm, pose_deg: how far off the best hypothesis of the compact network is.
         found: by noise and belief.
+        by_others: by noise and solver (`naris.bench.in_our_place`), those that were installed; they refuse nothing.
         commit: of the code that measured it.
     """
 
@@ -47,6 +48,7 @@ class FrameRecord:
     pose_mm: float
     pose_deg: float
     found: Mapping[str, Mapping[str, Outcome]]
+    by_others: Mapping[str, Mapping[str, Outcome]]
     commit: str | None
 
 
@@ -109,10 +111,11 @@ def read_record(path: Path) -> PatientRecord | None:
 
 
 def _frame(raw: dict[str, object]) -> FrameRecord:
-    found = raw.pop("found")
-    if not isinstance(found, dict):
-        raise TypeError("found")
-    outcomes = {
-        noise: {belief: Outcome(**one) for belief, one in of_belief.items()} for noise, of_belief in found.items()
-    }
-    return FrameRecord(found=outcomes, **raw)  # type: ignore[arg-type]
+    found, by_others = _outcomes(raw.pop("found")), _outcomes(raw.pop("by_others"))
+    return FrameRecord(found=found, by_others=by_others, **raw)  # type: ignore[arg-type]
+
+
+def _outcomes(raw: object) -> dict[str, dict[str, Outcome]]:
+    if not isinstance(raw, dict):
+        raise TypeError("outcomes")
+    return {noise: {name: Outcome(**one) for name, one in each.items()} for noise, each in raw.items()}

@@ -1,11 +1,13 @@
 """Other libraries that register clouds, on the same clouds from the same starts: small_gicp and Open3D.
 
 They register points to points, so the surface is given to them as a dense cloud with normals. Each runs with what it is
-known for: small_gicp as GICP (its covariances from ten neighbours), Open3D from points to planes with Tukey's weights.
+known for: small_gicp as GICP (its covariances from ten neighbours) and from points to planes, Open3D from points to
+planes with Tukey's weights.
 """
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,8 +15,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-PEERS = ("small_gicp", "Open3D")
+GICP, PLANES, OPEN3D = "small_gicp", "small_gicp_planes", "Open3D"
+PEERS = (GICP, PLANES, OPEN3D)
 NOT_INSTALLED = "not installed"
+_KIND = {GICP: "GICP", PLANES: "PLANE_ICP"}
 _STEPS = 50
 _NEIGHBOURS = 10
 
@@ -51,14 +55,23 @@ def aligner(name: str, target: Target, reaches_mm: Sequence[float]) -> Callable[
         target: the surface.
         reaches_mm: how far matches may lie apart, one pass after the other.
     """
+    absent = missing(name)
+    if absent is not None:
+        return absent
+    return _open3d(target, reaches_mm) if name == OPEN3D else _small_gicp(target, reaches_mm, _KIND[name])
+
+
+def missing(name: str) -> str | None:
+    """Why a peer cannot be measured here; None if it can."""
     try:
-        return {"small_gicp": _small_gicp, "Open3D": _open3d}[name](target, reaches_mm)
+        importlib.import_module("open3d" if name == OPEN3D else "small_gicp")
     except ImportError as error:
         # A missing library of the system is told otherwise than a package that is not there.
         return NOT_INSTALLED if isinstance(error, ModuleNotFoundError) else f"cannot start here ({str(error)[:120]})"
+    return None
 
 
-def _small_gicp(target: Target, reaches_mm: Sequence[float]) -> Callable[[np.ndarray], Align]:
+def _small_gicp(target: Target, reaches_mm: Sequence[float], kind: str) -> Callable[[np.ndarray], Align]:
     import small_gicp
 
     def prepared(points: np.ndarray) -> tuple[Any, Any]:
@@ -74,7 +87,7 @@ def _small_gicp(target: Target, reaches_mm: Sequence[float]) -> Callable[[np.nda
 
         def align(pose: np.ndarray) -> np.ndarray:
             for reach in reaches_mm:
-                result = small_gicp.align(wall, cloud, wall_tree, pose, "GICP", reach, 1, _STEPS)
+                result = small_gicp.align(wall, cloud, wall_tree, pose, kind, reach, 1, _STEPS)
                 pose = np.asarray(result.T_target_source)
             return pose
 

@@ -1,0 +1,91 @@
+"""Other solvers in the place of ours: the search finds the starts, they end them, our likelihood chooses.
+
+Our search gives everybody the same poses to begin from; what everybody makes of them is judged by our likelihood, and
+the best is taken. Libraries and our own coarse and fine solver begin from its 40 best starts; ICP and IMLP, as a user
+chooses them (`RegisterConfig.method`), from the eight finalists that our coarse solver leaves of 200.
+
+None of the libraries estimates a scale with a pose. Where it is unknown, each start keeps the one that the search found
+for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from naris.bench.point_peers import PEERS, Align, aligner, target_of
+from naris.core.anatomy import Anatomy
+from naris.core.pose import CAMERA, Pose
+from naris.register.map import RegistrationMap
+from naris.register.observation import Observation
+from naris.register.register import RegisterConfig, register
+from naris.register.solve import coarse, different, fine, judged
+from naris.register.starts import Belief, Starts, find_starts
+
+OURS = "naris"
+METHODS = ("icp", "imlp")
+"""Ours as well; of a known scale only."""
+SOLVERS = (OURS, *METHODS, *PEERS)
+STARTS = 40
+_FINALISTS = 8
+_TARGET_POINTS = 100_000
+_REACHES_MM = (5.0, 2.5)
+
+Solver = Callable[[RegistrationMap, Observation, Belief], Pose]
+"""From what was seen and what is believed to the most likely `anatomy_T_camera`; nobody refuses here."""
+
+
+def solver_of(name: str, anatomy: Anatomy, seed: int = 0) -> Solver | str:
+    """One of `SOLVERS` made ready for an anatomy; or why it cannot be.
+
+    Args:
+        name: of the solver.
+        anatomy: what is registered to.
+        seed: of the points that stand for its surface, and of the starts beside believed poses.
+    """
+    if name == OURS:
+        return lambda at, seen, belief: _by_us(at, seen, belief, seed)
+    if name in METHODS:
+        method: Literal["icp", "imlp"] = "icp" if name == "icp" else "imlp"
+        config = RegisterConfig(method=method, seed=seed)
+        return lambda at, seen, belief: register(at, seen, belief, config).best
+    target = target_of(anatomy.vertices_mm, anatomy.faces, _TARGET_POINTS, np.random.default_rng(seed))
+    of_cloud = aligner(name, target, _REACHES_MM)
+    if isinstance(of_cloud, str):
+        return of_cloud
+    return lambda at, seen, belief: _by_library(of_cloud, at, seen, belief, seed)
+
+
+def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, seed: int) -> Pose:
+    rough = coarse(at, seen, _starts(at, seen, belief, seed))
+    kept = different(rough, _FINALISTS)
+    best = fine(at, seen, Starts(rough.poses[kept], rough.log_scales[kept])).poses[0]
+    return Pose(best, at.anatomy.frame, CAMERA)
+
+
+def _by_library(
+    of_cloud: Callable[[np.ndarray], Align], at: RegistrationMap, seen: Observation, belief: Belief, seed: int
+) -> Pose:
+    points = seen.origins + seen.ranges[:, None] * seen.directions
+    starts, ended = _starts(at, seen, belief, seed), []
+    # Everything is prepared once for a scale: all starts share it where it is known.
+    aligned = {scale: of_cloud(np.exp(scale) * points) for scale in set(starts.log_scales.tolist())}
+    for pose, scale in zip(starts.poses, starts.log_scales.tolist(), strict=True):
+        ended.append(_proper(aligned[scale](pose)))
+    best = judged(at, seen, replace(starts, poses=np.stack(ended))).poses[0]
+    return Pose(best, at.anatomy.frame, CAMERA)
+
+
+def _starts(at: RegistrationMap, seen: Observation, belief: Belief, seed: int) -> Starts:
+    return find_starts(at, seen, belief, STARTS, np.random.default_rng(seed))
+
+
+def _proper(pose: np.ndarray) -> np.ndarray:
+    """The nearest rotation: libraries return theirs with what rounding left of it."""
+    u, _, w = np.linalg.svd(pose[:3, :3])
+    cleaned = pose.copy()
+    cleaned[:3, :3] = u @ w
+    return cleaned
