@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -124,6 +125,20 @@ def signed_distance(
     return _kept.get(key, lambda: _compute(anatomy, float(spacing_mm), float(tissue_to_mm)))
 
 
+def known_distance(anatomy: Anatomy, spacing_mm: float, values_mm: Float32[np.ndarray, "nx ny nz"]) -> SignedDistance:
+    """What `signed_distance` gave once, from the values of its nodes.
+
+    Raises:
+        InputError: if they are not of the grid of this anatomy.
+    """
+    origin, shape = _grid(anatomy, spacing_mm)
+    if values_mm.shape != shape:
+        raise InputError(f"distances on a grid of {shape}", f"{values_mm.shape}", "compute them anew")
+    triangles, end = _surface(anatomy)
+    values_mm.setflags(write=False)
+    return SignedDistance(values_mm, origin, spacing_mm, anatomy.frame, triangles, end)
+
+
 def lumen_distance(anatomy: Anatomy, deep_mm: float = 0.0) -> SignedDistance:
     """The signed distance for what asks in the lumen and so deep in tissue alone: the whole one where that is kept."""
     whole = (anatomy.digest, SPACING_MM, np.inf) in _kept or isinstance(anatomy.airspace, Between)
@@ -133,21 +148,31 @@ def lumen_distance(anatomy: Anatomy, deep_mm: float = 0.0) -> SignedDistance:
 def _compute(anatomy: Anatomy, spacing_mm: float, tissue_to_mm: float) -> SignedDistance:
     if not 0 < spacing_mm < np.inf:
         raise InputError("a grid spacing above 0 mm", f"{spacing_mm}", f"give a number such as {SPACING_MM}")
-    low, high = anatomy.bounds_mm
-    first = np.floor(low / spacing_mm) - _MARGIN_NODES
-    nx, ny, nz = (int(n) + 1 for n in np.ceil(high / spacing_mm) + _MARGIN_NODES - first)
-    shape = (nx, ny, nz)
-    if nx * ny * nz > _MOST_NODES:
+    origin, shape = _grid(anatomy, spacing_mm)
+    if math.prod(shape) > _MOST_NODES:
         raise InputError(
             f"a distance grid of at most {_MOST_NODES:,} nodes",
             f"{' × '.join(map(str, shape))} at {spacing_mm} mm",
             "take a wider spacing or check the unit of the surface",
         )
-    triangles = index_triangles(anatomy.vertices_mm, anatomy.faces)
-    origin = first * spacing_mm
-    end = envelope(triangles, low, high, anatomy.airspace) if isinstance(anatomy.airspace, Between) else None
+    triangles, end = _surface(anatomy)
     values = _values(triangles, origin, spacing_mm, shape, end, tissue_to_mm)
     return SignedDistance(values, origin, spacing_mm, anatomy.frame, triangles, end)
+
+
+def _grid(anatomy: Anatomy, spacing_mm: float) -> tuple[Float[np.ndarray, "3"], tuple[int, int, int]]:
+    """Where the first node lies, and how many there are along each axis."""
+    low, high = anatomy.bounds_mm
+    first = np.floor(low / spacing_mm) - _MARGIN_NODES
+    nx, ny, nz = (int(n) + 1 for n in np.ceil(high / spacing_mm) + _MARGIN_NODES - first)
+    return first * spacing_mm, (nx, ny, nz)
+
+
+def _surface(anatomy: Anatomy) -> tuple[TriangleIndex, Envelope | None]:
+    triangles = index_triangles(anatomy.vertices_mm, anatomy.faces)
+    low, high = anatomy.bounds_mm
+    air = anatomy.airspace
+    return triangles, envelope(triangles, low, high, air) if isinstance(air, Between) else None
 
 
 def _values(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from naris.anatomy.builtin import NORMAL_RANGES, NoseParameters, built_in_nose
 from naris.anatomy.folder import BUILTIN, DESCRIPTION, SLABS, load_anatomy
@@ -13,6 +13,12 @@ from naris.anatomy.read import READERS
 from naris.cli.anatomy_from_ct import NOTHING_UNUSUAL, RECORD
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.errors import InputError
+
+if TYPE_CHECKING:
+    from naris.register.map import RegistrationMap
+
+MAPS = "maps"
+"""The folder of prepared anatomies in the cache."""
 
 
 def open_anatomy(
@@ -32,6 +38,18 @@ def open_anatomy(
     added = regions if regions is not None and (regions == SLABS or Path(regions).suffix == ".json") else None
     anatomy = load_anatomy(what, regions=added, frame=frame, unit=unit)
     return anatomy, anatomy.region_set(None if added else regions)
+
+
+def map_of(anatomy: Anatomy) -> RegistrationMap:
+    """An anatomy prepared for registration, as an earlier command kept it in the cache folder where one did.
+
+    Raises:
+        SurfaceError, EngineUnavailable: as `naris.register.map.registration_map`.
+    """
+    from naris.fetch import cache_folder
+    from naris.register.map import registration_map
+
+    return registration_map(anatomy, cache=cache_folder() / MAPS)
 
 
 def is_whole_anatomy(what: str) -> bool:

@@ -35,12 +35,12 @@ def register_shape(
         more: what is believed of the pose, and the picture that walls are drawn on.
         console: to answer on.
     """
+    from naris.cli.anatomies import map_of
     from naris.register.deformable.register import DeformableConfig, register_deformable
-    from naris.register.map import registration_map
 
     belief, ground = more
     with console.progress.task("preparing the anatomy", 1) as advance:
-        modes, at = _modes(options, anatomy), registration_map(anatomy)
+        modes, at = _modes(options, anatomy), map_of(anatomy)
         advance(1)
     with console.progress.task("registering", 1) as advance:
         found = register_deformable(at, modes, seen.observation, belief, DeformableConfig(seed=options.seed))

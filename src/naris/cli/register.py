@@ -98,9 +98,8 @@ class Options:
 
 def run(options: Options, console: Console) -> int:
     """Registers and tells the pose; exit status 1 where it is refused."""
-    from naris.cli.anatomies import open_anatomy
+    from naris.cli.anatomies import map_of, open_anatomy
     from naris.cli.folders import check_own
-    from naris.register.map import registration_map
     from naris.register.register import RegisterConfig, register
 
     _check(options)
@@ -115,7 +114,7 @@ def run(options: Options, console: Console) -> int:
 
         return register_shape(options, anatomy, seen, (belief, ground), console)
     with console.progress.task("preparing the anatomy", 1) as advance:
-        at = registration_map(anatomy)
+        at = map_of(anatomy)
         advance(1)
     with console.progress.task("registering", 1) as advance:
         config = RegisterConfig(seed=options.seed, method=options.method)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from naris.anatomy.distance import SignedDistance, signed_distance
+from naris.anatomy.distance import SignedDistance, known_distance, signed_distance
 from naris.core.anatomy import Anatomy, Between
 from naris.core.kept import Kept
 from naris.errors import SurfaceError
 from naris.register.directions import texel_directions
 from naris.register.equations import cast
+from naris.register.map_file import MapArrays, map_file, read_map, write_map
 from naris.register.rays import memory_for, rays_of
 from naris.register.threads import spread
 from naris.render.embree import ARGUMENTS, PacketScene, library
@@ -57,14 +59,21 @@ class RegistrationMap:
         return 1.0 if isinstance(self.anatomy.airspace, Between) else -1.0
 
 
-def registration_map(anatomy: Anatomy, places_mm: float = PLACES_MM, room_mm: float = ROOM_MM) -> RegistrationMap:
+def registration_map(
+    anatomy: Anatomy, places_mm: float = PLACES_MM, room_mm: float = ROOM_MM, *, cache: Path | None = None
+) -> RegistrationMap:
     """Prepare an anatomy (some seconds); the last few are kept, by the digest of the anatomy.
+
+    Args:
+        anatomy: what is to be registered to.
+        places_mm, room_mm: how far places lie apart, and the room of a camera there.
+        cache: a folder that keeps what takes the time for another process (`naris.register.map_file`); None for none.
 
     Raises:
         SurfaceError: if there is no room for a camera anywhere inside.
         EngineUnavailable: if rays cannot be shot on this machine.
     """
-    return _kept.get((anatomy.digest, places_mm, room_mm), lambda: _made(anatomy, places_mm, room_mm))
+    return _kept.get((anatomy.digest, places_mm, room_mm), lambda: _made(anatomy, places_mm, room_mm, cache))
 
 
 def quantised(ranges: Float[np.ndarray, "*n"]) -> UInt8[np.ndarray, "*n"]:
@@ -83,19 +92,28 @@ def factor_of(steps: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
     return np.asarray(steps, dtype=np.float64) / _STEPS_PER_FACTOR
 
 
-def _made(anatomy: Anatomy, places_mm: float, room_mm: float) -> RegistrationMap:
+def _made(anatomy: Anatomy, places_mm: float, room_mm: float, cache: Path | None) -> RegistrationMap:
     geometry = geometry_of(anatomy)
     scene, found = PacketScene(geometry.vertices_mm, geometry.faces), library()
     embree = Embree(found.intersect, scene.address, ctypes.addressof(ARGUMENTS), found.width)
-    distance = signed_distance(anatomy, GRID_MM, tissue_to_mm=2 * GRID_MM)
-    places = _places(distance, places_mm, room_mm)
-    if not len(places):
-        raise SurfaceError(
-            f"an anatomy with {room_mm:g} mm of room for a camera",
-            f"none inside {anatomy.name}",
-            "check its unit, and on which side of the surface the air is",
-        )
-    return RegistrationMap(anatomy, distance, places, _panoramas(embree, places), _inward(anatomy), embree, scene)
+    file = None if cache is None else map_file(cache, anatomy.digest, (places_mm, room_mm, GRID_MM, TEXELS))
+    known = None if file is None else read_map(file)
+    if known is not None:
+        distance = known_distance(anatomy, GRID_MM, known.distances_mm)
+        places, panoramas = known.places_mm, known.panoramas
+    else:
+        distance = signed_distance(anatomy, GRID_MM, tissue_to_mm=2 * GRID_MM)
+        places = _places(distance, places_mm, room_mm)
+        if not len(places):
+            raise SurfaceError(
+                f"an anatomy with {room_mm:g} mm of room for a camera",
+                f"none inside {anatomy.name}",
+                "check its unit, and on which side of the surface the air is",
+            )
+        panoramas = _panoramas(embree, places)
+        if file is not None:
+            write_map(file, MapArrays(distance.values_mm, places, panoramas))
+    return RegistrationMap(anatomy, distance, places, panoramas, _inward(anatomy), embree, scene)
 
 
 def _places(distance: SignedDistance, apart_mm: float, room_mm: float) -> Float[np.ndarray, "p 3"]:
@@ -121,7 +139,9 @@ def _panoramas(embree: Embree, places_mm: Float[np.ndarray, "p 3"]) -> UInt8[np.
         for k in range(first, last):
             pose[:3, 3] = places_mm[k]
             cast(embree, rays, pose, 1.0, memory)
-            seen[k] = quantised(np.abs(memory.hit[:n]))
+            # A ray that leaves through an opening has no normal: there is no wall but far away.
+            met = memory.normal[:, :n].any(axis=0)
+            seen[k] = quantised(np.where(met, np.abs(memory.hit[:n]), np.inf))
 
     spread(look, len(places_mm))
     return seen
