@@ -18,6 +18,7 @@ from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench import BenchRequest, Measurement, cissticp, contours, deformable, peer_trials
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
+    FREE_POINTS,
     FROZEN,
     MEAN,
     NOISES,
@@ -103,7 +104,7 @@ def of_trials(request: BenchRequest) -> list[Figure]:
     for suffix, settings in sets:
         _warm_up(settings[0])
         for start in ("region", "none"):
-            for noise in NOISES:
+            for noise in (*NOISES, FREE_POINTS):
                 done = _run(request, f"{start} {noise}{suffix}", settings, noise, start)
                 known[f"{start}.{noise}{suffix}"] = done
                 figures += _of(f"register.{start}.{noise}{suffix}", done, start, noise)
@@ -260,7 +261,7 @@ def _stranger(request: BenchRequest) -> Setting:
 def _warm_up(setting: Setting) -> None:
     """Compiles what there is to compile, so that no trial pays for it."""
     at = setting.at
-    for noise in NOISES:
+    for noise in (*NOISES, FREE_POINTS):
         register(at, setting.trials[0].observation(noise))
 
 

@@ -4,7 +4,8 @@ The frozen trials lie in the mean nose; others of the same kind are drawn here. 
 least 1 mm of room and a median depth of 3 mm, looks up to 90° off the way inwards and is rolled by up to 30°.
 
 a: clean. b: ranges with a smooth relative error of 5 % and 0.3 mm each. c: b times an unknown scale of 0.5 to 2.
-d: 300 to 600 points with 0.5 mm in every direction, a tenth of them anywhere along their rays.
+d: 300 to 600 points with 0.5 mm in every direction, a tenth of them anywhere along their rays. Beside these four
+e: d times the scale of c.
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ from naris.render.scene import Scene, render
 from naris.render.viewpoints import sees_ahead
 
 FROZEN, MEAN = "registration-trials/trials.npz", "mean-nose/ASR.ply"
-Noise = Literal["a", "b", "c", "d"]
+Noise = Literal["a", "b", "c", "d", "e"]
 NOISES: tuple[Noise, ...] = ("a", "b", "c", "d")
+FREE_POINTS: Noise = "e"
 PIXELS, FOV_DEG = 64, 80.0
 CAMERA_OF_TRIALS = Intrinsics.from_vertical_fov(PIXELS, PIXELS, FOV_DEG)
 _ROOM_MM, _TILT_DEG, _ROLL_DEG = 1.0, 90.0, 30.0
@@ -62,9 +64,11 @@ class Trial:
     points: Float[np.ndarray, "n 3"]
 
     def observation(self, noise: Noise) -> Observation:
-        """What the registration is given; the noise is stated, the scale of c is not."""
+        """What the registration is given; the noise is stated, the scale of c and e is not."""
         if noise == "d":
             return from_points(self.points, PointNoise(_POINT_MM, _OUTLIERS))
+        if noise == FREE_POINTS:
+            return from_points(self.scale * self.points, PointNoise(self.scale * _POINT_MM, _OUTLIERS), UNKNOWN)
         if noise == "a":
             return from_ranges(self.ranges["a"], self.rays, DepthNoise(smooth=0.0, pixel_mm=0.05))
         pixel = _PIXEL_MM * (self.scale if noise == "c" else 1.0)
@@ -74,7 +78,7 @@ class Trial:
 
     def log_scale(self, noise: Noise) -> float:
         """The logarithm of the true factor to mm."""
-        return -float(np.log(self.scale)) if noise == "c" else 0.0
+        return -float(np.log(self.scale)) if noise in ("c", FREE_POINTS) else 0.0
 
 
 def has_frozen(folder: Path) -> bool:
