@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import os
 import signal
+from collections import Counter
 from pathlib import Path
 
 import hypothesis
@@ -17,6 +18,9 @@ import jaxtyping._import_hook as import_hook
 import pytest
 
 _COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "kernel"}
+_SLOW = 20
+"""How many other tests one marked so weighs."""
+
 _is_unchecked = import_hook._is_no_type_check
 
 
@@ -50,6 +54,17 @@ def pytest_configure(config: pytest.Config) -> None:
     processes = getattr(config.option, "numprocesses", None)  # of pytest-xdist
     if isinstance(processes, int) and processes > 0:
         os.environ.setdefault("OMP_NUM_THREADS", str(max(len(os.sched_getaffinity(0)) // processes, 1)))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests come first: processes take files in this order, and none shall begin a long one last."""
+    weight = Counter(item.path for item in items)
+    weight.update({path: _SLOW * n for path, n in Counter(i.path for i in items if _is_slow(i)).items()})
+    items.sort(key=lambda item: -weight[item.path])
+
+
+def _is_slow(item: pytest.Item) -> bool:
+    return item.get_closest_marker("slow") is not None
 
 
 REPOSITORY = Path(__file__).resolve().parents[1]
