@@ -23,7 +23,7 @@ AS_THEY_ARE = Schedule(np.array([1.0]), np.array([0]))
 BASIN_MM, BASIN_RAD = 2.0, 0.15
 """Poses further apart than either of these are different answers."""
 _COARSE_OUTLIERS = 0.1
-_PROMISING, _FEW = 0.6, 8  # the share of starts that are worth a second stage, and never fewer than so many
+_PROMISING, _PROMISING_POINTS, _FEW = 0.6, 0.8, 8  # the share of starts worth a second stage, never fewer than so many
 _SAME_MM, _SAME_RAD = 0.5, 0.07
 
 
@@ -54,13 +54,14 @@ class Solutions:
 def coarse(at: RegistrationMap, observation: Observation, starts: Starts, *, most_rays: int = COARSE_RAYS) -> Solutions:
     """From all starts on some of the rays, the smooth error counted as noise.
 
-    Of ranges, those that are far behind with the wide noise are dropped then; of points they may still win.
+    Those that are far behind with the wide noise are dropped then, of points fewer: they tell places apart less.
     """
     seen = prepared(at, observation.some(most_rays), fine=False)
     model = seen.model._replace(outliers=max(seen.model.outliers, _COARSE_OUTLIERS))
     seen = replace(seen, model=model)
     wide = _solved(at, seen, starts, WIDE)
-    kept = len(wide) if observation.is_cloud else max(round(_PROMISING * len(wide)), min(_FEW, len(wide)))
+    share = _PROMISING_POINTS if observation.is_cloud else _PROMISING
+    kept = max(round(share * len(wide)), min(_FEW, len(wide)))
     return _solved(at, seen, Starts(wide.poses[:kept], wide.log_scales[:kept]), COARSE)
 
 
