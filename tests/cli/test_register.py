@@ -197,6 +197,8 @@ def test_another_method_can_be_chosen(
         (["--depth", "{seen}/depth.npy", "--modes", "5", "--method", "icp"], "--method naris with a shape"),
         (["--depth", "{seen}/depth.npy", "--shape-model", "{seen}"], "a shape model in"),
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "1000"], "check the unit"),
+        (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "40"], "mm across, got a median of"),
+        (["--cloud", "{seen}/points.txt", "--frame", "{seen}/frame.png"], "--frame only with --model or --contours"),
         (["--depth", "{seen}/depth.npy", "--frame", "{seen}/depth.png", "--noise", "-1"], "--noise"),
     ],
 )
@@ -270,6 +272,56 @@ def test_a_shape_model_goes_with_its_mean(
     save_anatomy(widening_tube(), tmp_path / "wide")
     assert main(["register", str(tmp_path / "wide"), *arguments]) == 2
     assert "the mean of the shape model" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("unit", [0.02, 40.0])
+def test_depth_in_a_unit_of_its_own_has_the_pose_of_that_in_mm(
+    tube: Path, seen: Path, tmp_path: Path, unit: float, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever a network calls its unit: an unknown scale is sought where walls are that an endoscope sees."""
+    depth = np.load(seen / "depth.npy")
+    np.save(tmp_path / "depth.npy", depth * unit)
+    given = ["--depth", str(tmp_path / "depth.npy"), "--scale", "unknown", "--probability", "0", "--json"]
+    assert main(words(tube, seen, *given)) in (0, 1)
+    told = json.loads(capfd.readouterr().out)
+    low, high = told["scale_sought"]
+    assert low < 1 / unit < high
+    assert told["scale_off_sd"] is None
+    np.testing.assert_allclose(np.median(depth) * unit * np.array([low, high]), [3, 30], rtol=1e-6)
+
+
+def test_a_scale_far_from_its_prior_is_told(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given = ["--depth", str(seen / "depth.npy"), "--scale", "prior", "--scale-factor", "2", "--scale-spread", "0.05"]
+    assert main(words(tube, seen, *given, "--probability", "0", "--json")) in (0, 1)
+    told = json.loads(capfd.readouterr().out)
+    off = np.log(told["scale"] / 2) / np.log1p(0.05)
+    assert told["scale_off_sd"] == pytest.approx(off)
+    status = main(words(tube, seen, *given, "--probability", "0"))
+    says = "deviations from its prior" in capfd.readouterr().out
+    assert says == (status == 0 and abs(off) > 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fx": None}, "got none of fx"),
+        ({"skew": 0.0}, "also skew"),
+        ({"fx": "38"}, "a number for fx of the intrinsics in camera.json, got '38'"),
+        ({"width": 48.5}, "a whole number for width"),
+        ({"lens": {"kind": "mirror"}}, "a lens of the kind pinhole, brown, fisheye in camera.json, got 'mirror'"),
+        ({"lens": "pinhole"}, "as objects"),
+    ],
+)
+def test_a_camera_that_is_none_is_told_by_what_is_wrong_with_it(
+    tube: Path, seen: Path, tmp_path: Path, change: dict, message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    camera = {**asdict(CAMERA), **change}
+    (tmp_path / "camera.json").write_text(json.dumps({k: v for k, v in camera.items() if v is not None}))
+    given = ["--depth", str(seen / "depth.npy"), "--intrinsics", str(tmp_path / "camera.json"), "--quiet"]
+    assert main(["register", str(tube), *given]) == 2
+    assert message in capfd.readouterr().err
 
 
 def test_edges_of_the_frame_may_move_the_pose(

@@ -21,8 +21,8 @@ def read_intrinsics(path: Path) -> Intrinsics:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"intrinsics in JSON in {path.name}", "something else", todo) from error
-    inner = content.get("intrinsics", content) if isinstance(content, dict) else {}
+    inner = content.get("intrinsics", content) if isinstance(content, dict) else content
     try:
         return intrinsics_from_json(inner)
     except InputError as error:
-        raise InputError(f"a camera in {path.name}", error.got, todo) from error
+        raise InputError(f"{error.expected} in {path.name}", error.got, todo) from error

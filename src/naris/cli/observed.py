@@ -44,9 +44,11 @@ def check_observation(options: Options) -> None:
     """
     given = [name for name in ("depth", "rig", "cloud") if getattr(options, name) is not None]
     if len(given) != 1:
-        got = "neither" if not given else f"--{' and --'.join(given)}"
+        got = "none" if not given else f"--{' and --'.join(given)}"
         raise InputError(_ONE_OF, got, "give what the camera saw" if not given else "give one of them")
     of_folder = options.cloud is not None and options.cloud.is_dir()
+    if options.cloud is not None and not of_folder and options.model is None and not options.contours:
+        refuse(options, ("frame",), "only with --model or --contours beside --cloud FILE", "neither")
     if options.depth is None:
         if not (options.contours and options.cloud is not None and not of_folder):
             refuse(options, ("intrinsics",), "only with --depth, or with --cloud FILE and --contours", f"--{given[0]}")
@@ -83,63 +85,77 @@ def observe(options: Options) -> Seen:
         from naris.register.rig import read_rig
 
         rig = read_rig(options.rig, unit_mm)
-        return Seen(rig.observed(_noise(options), _scale(options)), rig.intrinsics[0], rig.depths[0])
+        scale = _scale(options, rig.depths[0])
+        return Seen(rig.observed(_noise(options, scale), scale), rig.intrinsics[0], rig.depths[0])
     from naris.cli.cameras import read_intrinsics
     from naris.register.files import read_depth_image
     from naris.register.observation import from_depth
 
     if options.depth is None or options.intrinsics is None:
-        raise InputError(_ONE_OF, "neither", "give what the camera saw")
+        raise InputError(_ONE_OF, "none", "give what the camera saw")
     intrinsics = read_intrinsics(options.intrinsics)
     depth = read_depth_image(options.depth, unit_mm)
-    return Seen(from_depth(depth, intrinsics, _noise(options), _scale(options)), intrinsics, depth)
+    scale = _scale(options, depth)
+    return Seen(from_depth(depth, intrinsics, _noise(options, scale), scale), intrinsics, depth)
 
 
 def _cloud(options: Options, file: Path) -> Seen:
+    import numpy as np
+
     from naris.cli.cameras import read_intrinsics
     from naris.register.files import read_cloud, read_normals
     from naris.register.observation import PointNoise, from_points
 
+    points = read_cloud(file)
+    scale = _scale(options, np.linalg.norm(points, axis=1))
     noise = PointNoise()
-    if options.noise is not None:
-        noise = replace(noise, sd_mm=options.noise)
+    noise = replace(noise, sd_mm=noise.sd_mm / scale.middle if options.noise is None else options.noise)
     if options.normals_deg is not None:
         noise = replace(noise, normals_deg=options.normals_deg)
     normals = read_normals(file) if options.method == "imlop" else None
     intrinsics = None if options.intrinsics is None else read_intrinsics(options.intrinsics)
-    return Seen(from_points(read_cloud(file), noise, _scale(options), normals), intrinsics)
+    return Seen(from_points(points, noise, scale, normals), intrinsics)
 
 
 def _reconstruction(options: Options, folder: Path) -> Seen:
+    import numpy as np
+
     from naris.register.observation import PointNoise
     from naris.register.sfm.read import read_reconstruction
-    from naris.register.sfm.reconstruction import noise_of, observed, unknown_scale
+    from naris.register.sfm.reconstruction import noise_of, observed
 
     made = read_reconstruction(folder)
     view = made.view(options.view)
     points = made.seen_by(view)
     noise = noise_of(points) if options.noise is None else PointNoise(options.noise)
-    scale = unknown_scale(points) if options.scale == "unknown" else _scale(options)
+    scale = _scale(options, np.linalg.norm(points, axis=1))
     return Seen(observed(made, view, noise, scale, alone=options.alone), view.intrinsics)
 
 
-def _noise(options: Options) -> DepthNoise:
+def _noise(options: Options, scale: Scale) -> DepthNoise:
+    """As it is said; else what is usual, in the unit of the depth as the scale has it."""
     from naris.register.observation import DepthNoise
 
     plain = DepthNoise()
     return DepthNoise(
         plain.smooth if options.smooth_error is None else options.smooth_error,
         plain.reach_deg,
-        plain.pixel_mm if options.noise is None else options.noise,
+        plain.pixel_mm / scale.middle if options.noise is None else options.noise,
     )
 
 
-def _scale(options: Options) -> Scale:
-    from naris.register.observation import Scale
+def _scale(options: Options, distances: np.ndarray) -> Scale:
+    """As it is said; an unknown one makes endoscopic distances of these, which are above 0 where they are known."""
+    import numpy as np
+
+    from naris.register.observation import Scale, any_scale
 
     if options.scale == "prior" and options.scale_factor is not None:
         spread = 0.2 if options.scale_spread is None else options.scale_spread
         return Scale("prior", options.scale_factor, math.log1p(spread))
+    if options.scale == "unknown":
+        known = distances[np.isfinite(distances) & (distances > 0)]
+        return any_scale(float(np.median(known)) if len(known) else 0.0)
     return Scale(options.scale or "known")
 
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 REFUSED = 1
 SCHEMA = "naris.registration/1"
+_LOOSEST = 1e3  # mm or rad: a deviation that says only that nothing holds the pose
+_FAR_OFF_SD = 3.0
 
 
 @dataclass(frozen=True)
@@ -50,8 +52,8 @@ class Options:
     depth_unit_mm: IfGiven[float] = None
     """What one step of the depth image is, in mm; 1 when not given. With --depth or --rig."""
     scale: IfGiven[Literal["known", "unknown", "prior"]] = None
-    """Whether depths and points are in mm; if not, a factor is estimated. Known when not given; of a reconstruction it
-    must be given."""
+    """Whether depths and points are in mm; if not, a factor is estimated: of an unknown scale any that puts the median
+    3 to 30 mm away. Known when not given; of a reconstruction it must be given."""
     scale_factor: IfGiven[float] = None
     """The most likely factor to mm. With --scale prior."""
     scale_spread: IfGiven[float] = None
@@ -60,8 +62,9 @@ class Options:
     """Relative error of the depth that varies slowly over the picture (one standard deviation); 0.05 when not given.
     With --depth or --rig."""
     noise: IfGiven[float] = None
-    """Error of each pixel or point by itself, in mm (one standard deviation, before any scale); 0.3 for a depth image,
-    0.5 for a cloud, 3 % of the median distance for a reconstruction when not given."""
+    """Error of each pixel or point by itself (one standard deviation), in mm, or in their own unit where the scale is
+    not known; when not given 0.3 mm for a depth image, 0.5 mm for a cloud, as the likeliest scale has it, and 3 % of
+    the median distance for a reconstruction."""
     method: Literal["naris", "icp", "imlp", "imlop"] = "naris"
     """What the best starts are solved by: naris by rays and the smooth error; icp, imlp and imlop match points with the
     walls, imlop their normals too (six numbers a line, or a .npy (N, 6)). Those need --scale known."""
@@ -211,6 +214,8 @@ def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str)
     import numpy as np
 
     sd = np.sqrt(np.diag(found.covariance))
+    scale, loose = seen.scale, sd.max() > _LOOSEST
+    off = (np.log(found.scale) - np.log(scale.factor)) / scale.sd_log if scale.kind == "prior" else None
     return {
         "schema": SCHEMA,
         "status": found.status,
@@ -221,12 +226,14 @@ def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str)
         "best_guess": found.best.matrix.tolist(),
         "probability": found.probability,
         "scale": found.scale,
-        "scale_kind": seen.scale.kind,
+        "scale_kind": scale.kind,
+        "scale_sought": [scale.low, scale.high] if scale.kind == "unknown" else None,
+        "scale_off_sd": None if off is None else float(off),
         "margin": None if not np.isfinite(found.margin) else found.margin,
         "cost": found.cost,
-        "covariance": found.covariance.tolist(),
-        "sd_mm": sd[:3].tolist(),
-        "sd_deg": np.rad2deg(sd[3:]).tolist(),
+        "covariance": None if loose else found.covariance.tolist(),
+        "sd_mm": None if loose else sd[:3].tolist(),
+        "sd_deg": None if loose else np.rad2deg(sd[3:]).tolist(),
         "alternatives": found.alternatives.matrix.tolist(),
         "rays": len(seen),
         "views": seen.views,
@@ -239,7 +246,9 @@ def _text(data: dict[str, Any]) -> str:
     if data["status"] == "refused":
         return f"refused: {data['reason']}\n  best guess near {where}, not to be used"
     scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} mm per unit"
-    lines = [f"registered: camera at {where}, probability {data['probability']:.2f} of 2 mm and 5°{scale}"]
+    lines = [f"registered: camera at {where}, probability {data['probability']:.2f} to be within 2 mm and 5°{scale}"]
+    if (off := data["scale_off_sd"]) is not None and abs(off) > _FAR_OFF_SD:
+        lines.append(f"  the scale lies {abs(off):.1f} deviations from its prior: see which of them is right")
     if (edges := data["contours"]) is not None:
         moved = f"moved by {edges['moved_mm']:.2f} mm and {edges['moved_deg']:.1f}°" if edges["used"] else "not moved"
         lines.append(

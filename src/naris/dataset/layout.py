@@ -32,6 +32,7 @@ _LENSES: dict[str, type[Pinhole] | type[Brown] | type[Fisheye]] = {
     "brown": Brown,
     "fisheye": Fisheye,
 }
+_CAMERA_KEYS = {"width", "height", "fx", "fy", "cx", "cy", "lens"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,21 +82,31 @@ def intrinsics_from_json(content: dict[str, Any]) -> Intrinsics:
     """The reverse of `intrinsics_to_json`.
 
     Raises:
-        DatasetError: if something is missing or the lens is unknown.
+        DatasetError: if something is missing, more than needed or no number, or the lens is unknown.
         InputError: if the numbers make no camera.
     """
+    todo = 'give a camera such as {"width": 640, …, "lens": {"kind": "pinhole"}}'
+    if not isinstance(content, dict) or not isinstance(content.get("lens", {}), dict):
+        raise DatasetError("intrinsics and their lens as objects", "something else", todo)
+    lacks, more = sorted(_CAMERA_KEYS - set(content)), sorted(set(content) - _CAMERA_KEYS)
+    if lacks or more:
+        got = [*([f"none of {', '.join(lacks)}"] if lacks else []), *([f"also {', '.join(more)}"] if more else [])]
+        raise DatasetError(f"intrinsics with {', '.join(sorted(_CAMERA_KEYS))}", " and ".join(got), todo)
+    fields = dict(content)
+    lens = dict(fields.pop("lens"))
+    kind = lens.get("kind")
+    if kind not in _LENSES:
+        raise DatasetError(f"a lens of the kind {', '.join(_LENSES)}", f"{kind!r}", todo)
+    for name, number in {**fields, **{key: value for key, value in lens.items() if key != "kind"}}.items():
+        is_number = isinstance(number, (int, float)) and not isinstance(number, bool)
+        if not is_number or (name in ("width", "height") and int(number) != number):
+            what = "a whole number" if name in ("width", "height") else "a number"
+            raise DatasetError(f"{what} for {name} of the intrinsics", f"{number!r}", "correct it")
     try:
-        fields = dict(content)
-        lens = dict(fields.pop("lens"))
-        numbers = [*fields.values(), *(value for key, value in lens.items() if key != "kind")]
-        if not all(isinstance(number, (int, float)) for number in numbers):
-            raise TypeError("no number")
-        if any(int(fields[edge]) != fields[edge] for edge in ("width", "height")):
-            raise ValueError("edges that are no whole numbers of pixels")
-        made: Lens = _LENSES[lens["kind"]](**lens)
+        made: Lens = _LENSES[kind](**lens)
         return Intrinsics(**fields, lens=made)
-    except (KeyError, TypeError, ValueError) as error:
-        raise DatasetError("intrinsics with a lens of a known kind", f"{content}", "make the data set anew") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DatasetError(f"the numbers of a {kind} lens", f"{lens}", "correct them") from error
 
 
 def image_name(index: int) -> str:
