@@ -24,6 +24,7 @@ from naris.bench.chain_patient import (
     CHAIN_NOISES,
     COMPACT,
     PREDICTION,
+    SAME_STARTS,
     TRUE_REGION,
     TRUTH,
     TWO_LAYER,
@@ -110,7 +111,7 @@ def figures(records: Sequence[PatientRecord]) -> list[Figure]:
         for belief in BELIEFS:
             made += _of_belief(base, noise, belief, all_frames)
         made += _of_lost(f"{base}.{noise}", noise, all_frames)
-        for name in PEERS:
+        for name in SAME_STARTS:
             made += _of_other(f"{base}.{noise}", noise, name, all_frames)
     real = [record for record in records if record.real]
     if real and len(real) < n:
@@ -174,11 +175,12 @@ def _of_belief(base: str, noise: str, belief: str, some: Frames) -> list[Figure]
 
 
 def _of_other(name: str, noise: str, solver: str, some: Frames) -> list[Figure]:
-    """Of a solver in our place, which refuses nothing: to be held against `likeliest_lt2` of ours."""
+    """Of a solver from the same starts as the others, which refuses nothing; ours is among them."""
     found = [frame.by_others[noise][solver] for frame in some if solver in frame.by_others[noise]]
     name = f"{name}.by_{solver.lower()}"
     if not found:
-        told = {solver: missing(solver) or "not measured"}
+        why = missing(solver) if solver in PEERS else None
+        told = {solver: why or "not measured"}
         return [Figure(f"{name}.tre_lt2", None, "1", 0, "higher", peers=told)]
     spent = float(np.mean([one.cpu_s for one in found]))
     return [

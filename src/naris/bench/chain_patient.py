@@ -16,7 +16,7 @@ from naris.anatomy.builtin.variation import virtual_patient
 from naris.anatomy.folder import DESCRIPTION, load_anatomy, save_anatomy
 from naris.anatomy.scanned import anatomy_of_airway
 from naris.bench.chain_record import Fit, FrameRecord, Outcome, PatientRecord, read_record, write_record
-from naris.bench.in_our_place import Solver, solver_of
+from naris.bench.in_our_place import OURS, Solver, solver_of
 from naris.bench.point_peers import PEERS
 from naris.bench.register import FROM_POSE
 from naris.bench.trials import CAMERA_OF_TRIALS, Noise, Trial, drawn_trials
@@ -60,6 +60,9 @@ AS_THE_TRIALS = ViewDistribution(
     balanced=True,
 )
 """Views like those of the trials, which look up to 90° off the way: one learns what one is asked."""
+
+SAME_STARTS = (OURS, *PEERS)
+"""Solvers from the same few starts, told the whole prediction."""
 
 FRAME_PX = 300
 _PATIENTS = 4_000_000  # seeds apart from those of the confidence and of the other trials
@@ -206,7 +209,7 @@ def _looked_at(trial: Trial, image: UInt8[np.ndarray, "h w 3"], localizers: Mapp
 
 def _others(anatomy: Anatomy, seed: int) -> dict[str, Solver]:
     """Those that are installed, made ready."""
-    ready = {name: solver_of(name, anatomy, seed) for name in PEERS}
+    ready = {name: solver_of(name, anatomy, seed) for name in SAME_STARTS}
     return {name: solver for name, solver in ready.items() if not isinstance(solver, str)}
 
 

@@ -53,6 +53,7 @@ CPU_GOALS_S = {"region": 0.3, "none": 1.0, "pose": 0.02}
 _NEAR_MM, _NEAR_RAD = 2.0, np.deg2rad(10.0)
 _OTHERS = 2_000_000  # seeds of the patients here, apart from those that the confidence is fitted on
 _POINTS = 400
+_STRANGE: tuple[Noise, ...] = ("b", "c", "d", FREE_POINTS)
 _REPEATS = 200
 
 
@@ -114,7 +115,7 @@ def of_trials(request: BenchRequest) -> list[Figure]:
             figures += _of(f"register.views3.{noise}{suffix}", done, "views3", noise)
     unsure = [one for noise in "bcd" for one in known[f"none.{noise}{OF_PATIENTS}"]]
     figures += of_confidence(unsure)
-    return [*figures, _solve_ms(sets[-1][1][0]), _wrong_patient(request, sets[0][1])]
+    return [*figures, _solve_ms(sets[-1][1][0]), *_wrong_patients(request, sets[0][1])]
 
 
 def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
@@ -202,18 +203,20 @@ def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
     taken = order[: round(0.8 * n)]
     return [
         Figure(f"{base}.auroc", auroc, "1", n if auroc is not None else 0, "higher", 0.97),
-        Figure(f"{base}.false_accept_at_80", float((~right[taken]).mean()), "1", n, "lower", 0.01),
+        _rate(f"{base}.false_accept_at_80", ~right[taken], 0.01),
         Figure(f"{base}.ece", reliability(said, right).ece, "1", n, "lower", 0.03),
         Figure(
             f"{base}.accepted", float(np.mean([one.result.status == "registered" for one in done])), "1", n, "higher"
         ),
-        Figure(f"{base}.false_accept", _false_accept(done), "1", n, "lower"),
+        _rate(f"{base}.false_accept", ~right[[one.result.status == "registered" for one in done]]),
     ]
 
 
-def _false_accept(done: Sequence[Outcome]) -> float:
-    accepted = [one.right for one in done if one.result.status == "registered"]
-    return float(1 - np.mean(accepted)) if accepted else 0.0
+def _rate(name: str, wrong: Bool[np.ndarray, "n"], goal: float | None = None) -> Figure:
+    """The share of wrong ones among those that were accepted."""
+    n, count = len(wrong), int(wrong.sum())
+    value = count / n if n else None
+    return Figure(name, value, "1", n, "lower", goal, wilson(count, n) if n else None)
 
 
 def _auroc(score: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]) -> float | None:
@@ -239,18 +242,30 @@ def _solve_ms(setting: Setting) -> Figure:
     return Figure("register.solve.cpu_ms", 1e3 * spent, "ms", len(poses), "lower", 1.5)
 
 
-def _wrong_patient(request: BenchRequest, settings: Sequence[Setting]) -> Figure:
-    """Views of one patient registered to another: how many are refused."""
-    refused: list[bool] = []
+def _wrong_patients(request: BenchRequest, settings: Sequence[Setting]) -> list[Figure]:
+    """Views of one patient registered to another: how many are refused, of depth (b) and of all that may be seen."""
+    refused: dict[str, list[bool]] = {noise: [] for noise in _STRANGE}
     others = [settings[-1], *settings[:-1]] if len(settings) > 1 else [_stranger(request)]
     with request.progress.task("wrong patients", len(settings)) as advance:
         for setting, other in zip(settings, others, strict=True):
-            at = other.at
             for number, trial in enumerate(setting.trials):
-                result = register(at, trial.observation("b"), NOTHING, RegisterConfig(seed=number))
-                refused.append(result.status == "refused")
+                for noise in _STRANGE:
+                    result = register(other.at, trial.observation(noise), NOTHING, RegisterConfig(seed=number))
+                    refused[noise].append(result.status == "refused")
             advance(1)
-    return Figure("register.wrong_patient.refused", float(np.mean(refused)), "1", len(refused), "higher", 0.95)
+    base = "register.wrong_patient"
+    return [
+        Figure(
+            f"{base}.refused" if noise == "b" else f"{base}.{noise}.refused",
+            float(np.mean(each)),
+            "1",
+            len(each),
+            "higher",
+            0.95,
+            wilson(sum(each), len(each)),
+        )
+        for noise, each in refused.items()
+    ]
 
 
 def _stranger(request: BenchRequest) -> Setting:

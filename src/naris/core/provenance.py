@@ -65,8 +65,12 @@ def machine() -> dict[str, str | int | float]:
     }
 
 
+@cache
 def commit() -> str | None:
-    """The commit of the checkout that the code runs from, `-dirty` behind it if tracked files differ; else None."""
+    """The commit of the checkout that the code runs from, `-dirty` behind it if tracked files differ; else None.
+
+    As it was when it was asked for first: what runs on does not become what somebody commits meanwhile.
+    """
     here = Path(naris.__file__).resolve().parent
     if _git(here, "ls-files", "--error-unmatch", "__init__.py") is None:
         return None

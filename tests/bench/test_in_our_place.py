@@ -1,0 +1,71 @@
+"""Solvers in our place: they get our starts, in mm, and our likelihood chooses among what they make of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from naris.bench import in_our_place
+from naris.bench.in_our_place import OURS, STARTS, solver_of
+from naris.bench.trials import Noise, Trial, drawn_trials
+from naris.core.pose import distance
+from naris.register.map import RegistrationMap, registration_map
+from naris.register.starts import near
+from tests.winding_tube import winding_tube
+
+
+@pytest.fixture(scope="module")
+def tube() -> RegistrationMap:
+    return registration_map(winding_tube(), 3.0)
+
+
+@pytest.fixture(scope="module")
+def trial() -> Trial:
+    return drawn_trials(winding_tube(), 1, 3)[0]
+
+
+@pytest.mark.parametrize("noise", ["b", "c", "d", "e"])
+def test_a_library_gets_points_in_mm_and_each_start_once(
+    noise: Noise, tube: RegistrationMap, trial: Trial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that leaves every start where it is, so the likeliest start is what comes out."""
+    clouds, aligned = [], []
+
+    def of_cloud(points: np.ndarray):
+        clouds.append(points)
+
+        def align(pose: np.ndarray) -> np.ndarray:
+            aligned.append(pose)
+            return pose * (1 + 1e-6)  # as libraries round
+
+        return align
+
+    monkeypatch.setattr(in_our_place, "aligner", lambda *_: of_cloud)
+    seen, truth = trial.observation(noise), trial.anatomy_T_camera
+    belief = near(truth.reshape(1), np.diag([0.3**2] * 3 + [0.05**2] * 3)[None])
+    solver = solver_of("small_gicp", tube.anatomy)
+    assert not isinstance(solver, str)
+    found = solver(tube, seen, belief)
+    assert len(aligned) == STARTS
+    np.testing.assert_allclose(found.rotation @ found.rotation.T, np.eye(3), atol=1e-12)
+    nearest = min(np.abs(pose[:3] - found.matrix[:3]).max() for pose in aligned)
+    assert nearest < 1e-3
+    off_mm, off_rad = distance(found, truth)
+    assert off_mm < 1.0
+    assert off_rad < 0.1
+    mm = np.median(
+        np.linalg.norm(trial.observation("d" if noise in "de" else "b").directions * seen.ranges[:, None], axis=1)
+    )
+    mm *= float(np.exp(trial.log_scale(noise)))
+    sizes = [np.median(np.linalg.norm(points, axis=1)) for points in clouds]
+    assert np.median(sizes) == pytest.approx(mm, rel=0.15)
+    if not seen.scale.free:
+        assert len(clouds) == 1
+
+
+def test_ours_ends_at_the_truth(tube: RegistrationMap, trial: Trial) -> None:
+    solver, truth = solver_of(OURS, tube.anatomy), trial.anatomy_T_camera
+    assert not isinstance(solver, str)
+    found = solver(tube, trial.observation("a"), near(truth.reshape(1), np.diag([0.3**2] * 3 + [0.05**2] * 3)[None]))
+    # Along a tube and around it a view is loose; what is seen lies where it is.
+    assert distance(found, truth)[0] < 1.0
