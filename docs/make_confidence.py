@@ -6,8 +6,9 @@
 What each patient came to is kept in out/confidence, by the solver's sources, and not done again.
 
 Virtual patients with views drawn as those of `naris bench register`, but of other seeds: from nothing, every second one
-from the true region, with noise a to d; every second one to another patient, which are all wrong; and every fifth
-with noise that is said to be less or more than it is. A logistic regression with a small ridge.
+from the true region, with noise a to e; every second one to another patient, which are all wrong; every fifth with
+noise that is said to be less or more than it is; and with two views beside every third one (b), in this patient and in
+another. A logistic regression with a small ridge.
 """
 
 from __future__ import annotations
@@ -26,25 +27,26 @@ from scipy.optimize import minimize
 
 import naris
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.bench.trials import NOISES, Trial, drawn_trials
+from naris.bench.trials import FREE_POINTS, NOISES, Trial, drawn_trials, neighbours_of
 from naris.core.atomic import write_json
 from naris.core.pose import distance
 from naris.evaluate.score import reliability
 from naris.register import confidence
 from naris.register import register as registration
 from naris.register.map import RegistrationMap, registration_map
-from naris.register.observation import Observation
+from naris.register.observation import Observation, together
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, Belief, in_region
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "src" / "naris" / "register" / confidence.FITTED
+ALL = (*NOISES, FREE_POINTS)
 SEED, PATIENTS, VIEWS, RIDGE = 3_000_000, 36, 10, 1e-3
 WEIGHTS = {
     f"{start} {noise}": weight
-    for start, weight in (("none", 1.0), ("region", 1.0), ("other", 1 / 3), ("mistold", 1 / 3))
-    for noise in NOISES
-}
+    for start, weight in (("none", 1.0), ("region", 1.0), ("other", 1 / 3), ("mistold", 1 / 3), ("views", 1.0))
+    for noise in ALL
+} | {"other views b": 1 / 3}
 _GROUPS = 6
 MISTOLD = (0.6, 1.7)
 """What the deviations of the noise are multiplied with where they are told wrong."""
@@ -100,7 +102,12 @@ def of_patient(number: int) -> Iterator[Row]:
     regions = nose.region_set()
     for view, trial in enumerate(drawn_trials(nose, VIEWS, SEED + number)):
         region = regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))]
-        for noise in NOISES:
+        if view % 3 == 0:
+            beside, rig_T_camera = neighbours_of(nose, trial, 2, view)
+            several = together([each.observation("b") for each in beside], rig_T_camera)
+            yield one("views b", at, several, NOTHING, trial, view)
+            yield one("other views b", other, several, NOTHING, trial, view)._replace(right=False)
+        for noise in ALL:
             seen = trial.observation(noise)
             yield one(f"none {noise}", at, seen, NOTHING, trial, view)
             if view % 2 == 0:
@@ -142,16 +149,23 @@ def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarra
         left_out = of % _GROUPS == group
         weights, bias = _fitted(x[~left_out], y[~left_out], w[~left_out])
         said[left_out] = 1 / (1 + np.exp(-(x[left_out] @ weights + bias)))
-    final, other = np.isin(kind, ["none b", "none c", "none d"]), kind == "other b"
+    final = np.isin(kind, ["none b", "none c", "none d"])
+    others = sorted({one for one in kind.tolist() if one.startswith("other")})
     p, right = said[final], y[final]
     first = np.argsort(-p, kind="stable")[: round(0.8 * len(p))]
     above = p[right > 0][:, None] - p[right < 1][None]
     print(
         f"left out: right {right.mean():.3f}, AUROC {(above > 0).mean():.4f}, false accepts at 80 % "
         f"{1 - right[first].mean():.4f}, ECE {reliability(p, right > 0).ece:.4f}, accepted {(p >= 0.8).mean():.3f}, "
-        f"other patients refused {(said[other] < 0.8).mean():.3f}",
+        f"other patients refused {', '.join(f'{one[6:]} {(said[kind == one] < 0.8).mean():.3f}' for one in others)}",
         file=sys.stderr,
     )
+    for noise in ("none d", f"none {FREE_POINTS}", "views b"):
+        some = kind == noise
+        accepted = some & (said >= 0.8)
+        share, wrong = accepted.sum() / some.sum(), 1 - y[accepted].mean() if accepted.any() else 0.0
+        told = f"  {noise}: right {y[some].mean():.3f}, accepted {share:.3f}, of these wrong {wrong:.4f}"
+        print(told, file=sys.stderr)
 
 
 def _fitted(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:

@@ -10,6 +10,7 @@ from naris.bench.trials import drawn_trials
 from naris.core.pose import CAMERA, Pose
 from naris.register import confidence
 from naris.register.confidence import chance_within
+from naris.register.observation import PointNoise, from_points
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, near
 
@@ -56,3 +57,28 @@ def test_rivals_are_sought_among_all_that_was_tried(prepared_nose, monkeypatch) 
     assert (from_nothing.cloud, from_nothing.free) == (False, False)
     assert np.isfinite(from_nothing.features).all()
     assert np.isfinite(from_truth.features).all()
+
+
+def test_neighbours_are_kin_where_walls_are_off_and_not_where_points_are(prepared_nose, trials) -> None:
+    """Each point off by itself against all of a side off together, by as much."""
+    for trial in trials[:3]:
+        points = trial.rays[::3, ::3].reshape(-1, 3) * trial.ranges["a"][::3, ::3].reshape(-1, 1)
+        points, rng = points[np.isfinite(points).all(axis=1)], np.random.default_rng(0)
+        ways = points / np.linalg.norm(points, axis=1, keepdims=True)
+        alone = points + 0.5 * rng.standard_normal(points.shape)
+        side = np.where(ways[:, :1] > np.median(ways[:, 0]), 1.0, -1.0)
+        seen = {"alone": alone, "together": points + 0.3 * side * ways + 0.3 * rng.standard_normal(points.shape)}
+        found = {
+            name: confidence._fit(prepared_nose, from_points(one, PointNoise(0.5)), trial.anatomy_T_camera.matrix, 1.0)
+            for name, one in seen.items()
+        }
+        assert abs(found["alone"].kinship) < 0.2
+        assert found["together"].kinship > found["alone"].kinship + 0.1
+        assert found["alone"].spread == pytest.approx(1.0, abs=0.12)
+
+
+def test_rays_that_leave_the_anatomy_are_explained_by_nothing(prepared_nose) -> None:
+    outside = np.eye(4)
+    outside[:3, 3] = prepared_nose.anatomy.bounds_mm[1] + 100.0
+    points = np.random.default_rng(0).uniform([-4, -4, 6], [4, 4, 12], (60, 3))
+    assert confidence._fit(prepared_nose, from_points(points), outside, 1.0).explained == 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -88,3 +89,24 @@ def test_the_black_frame_of_an_endoscope_is_no_edge(scene: Scene, trials: list[T
 def test_a_frame_of_another_size_is_refused(scene: Scene, trials: list[Trial]) -> None:
     with pytest.raises(ImageError, match="256×256 pixels"):
         sharpened(scene, registered(trials[0].anatomy_T_camera), np.zeros((100, 120, 3), np.uint8), EYE)
+
+
+def test_frames_that_show_something_else_hardly_move_anything(scene: Scene, trials: list[Trial]) -> None:
+    """Noise, smooth noise, and what another camera saw: each has edges beside any wall."""
+    rng, moved = np.random.default_rng(0), []
+    rough = rng.integers(0, 255, (256, 256, 3), dtype=np.uint8)
+    smooth = cv2.GaussianBlur(rough, (0, 0), 6.0)
+    smooth = cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX)
+    for number, trial in enumerate(trials):
+        begun = registered(trial.anatomy_T_camera)
+        elsewhere = picture(scene, trials[number - 1].anatomy_T_camera)
+        moved += [sharpened(scene, begun, frame, EYE).registration is not begun for frame in (rough, smooth, elsewhere)]
+    assert np.mean(moved) <= 0.2
+
+
+def test_both_distances_are_sought_equally_far(scene: Scene, trials: list[Trial]) -> None:
+    """From the truth with the right frame nothing is to be gained, and nothing is told to be."""
+    for trial in trials:
+        found = sharpened(scene, registered(trial.anatomy_T_camera), picture(scene, trial.anatomy_T_camera), EYE)
+        if found.edges >= FEWEST_EDGES:
+            assert found.off_px[1] > 0.3 * found.off_px[0]

@@ -105,3 +105,36 @@ def test_a_map_is_kept_in_the_process() -> None:
 
 def _never(*_: object) -> np.ndarray:
     raise AssertionError
+
+
+def test_whichever_byte_is_broken_the_map_is_made_anew_or_right(tmp_path: Path) -> None:
+    file = map_file.map_file(tmp_path, "a", ())
+    write_map(file, SOME)
+    whole = file.read_bytes()
+    for at in range(len(whole)):
+        for change in (1, 8, 255):
+            file.write_bytes(whole[:at] + bytes([whole[at] ^ change]) + whole[at + 1 :])
+            found = read_map(file)
+            if found is not None:
+                np.testing.assert_array_equal(found.panoramas, SOME.panoramas)
+
+
+def test_a_cache_of_somebody_else_is_read_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = map_file.map_file(tmp_path, "a", ())
+    write_map(file, SOME)
+
+    def refused(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr("naris.register.map_file.os.utime", refused)
+    assert read_map(file) is not None
+
+
+def test_what_a_killed_writer_left_is_removed(tmp_path: Path) -> None:
+    left, fresh = tmp_path / ".a.map.12.part.npz", tmp_path / ".b.map.34.part.npz"
+    for one in (left, fresh):
+        one.touch()
+    os.utime(left, (1000, 1000))
+    write_map(map_file.map_file(tmp_path, "a", ()), SOME)
+    assert not left.exists()
+    assert fresh.exists()

@@ -6,7 +6,18 @@ import pytest
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.errors import InputError, PoseError
-from naris.register.observation import UNKNOWN, DepthNoise, PointNoise, Scale, from_depth, from_points, together
+from naris.register.observation import (
+    ENDOSCOPIC_MM,
+    UNKNOWN,
+    DepthNoise,
+    PointNoise,
+    Scale,
+    any_scale,
+    from_depth,
+    from_points,
+    from_sightings,
+    together,
+)
 
 CAMERA_OF_TESTS = Intrinsics.from_vertical_fov(64, 48, 60.0)
 
@@ -85,7 +96,8 @@ def test_depth_images_of_another_size_or_without_depth_are_refused():
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"kind": "guess"}, {"kind": "prior"}, {"sd_log": 0.1}, {"low": 3.0}, {"factor": -1.0}]
+    "wrong",
+    [{"kind": "guess"}, {"kind": "prior"}, {"sd_log": 0.1}, {"low": 3.0}, {"factor": -1.0}, {"factor": 2.0}],
 )
 def test_scales_that_cannot_be_are_refused(wrong):
     with pytest.raises(InputError):
@@ -115,3 +127,40 @@ def test_views_of_different_scale_or_without_poses_are_refused():
         together([one, other], poses)
     with pytest.raises(PoseError, match="one pose"):
         together([one], poses)
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0, 1000.0])
+def test_another_unit_is_the_same_observation(factor):
+    """Of a depth image and of a cloud, with noise in that unit: everything is as in mm, but for the unit."""
+    prior = Scale("prior", factor, 0.1)
+    depth = 7.0 + np.linspace(-2, 2, 64) + np.linspace(-1, 1, 48)[:, None]
+    mm = from_depth(depth, CAMERA_OF_TESTS, DepthNoise(pixel_mm=0.3), Scale("prior", 1.0, 0.1))
+    other = from_depth(depth / factor, CAMERA_OF_TESTS, DepthNoise(pixel_mm=0.3 / factor), prior)
+    points = cloud()
+    pairs = [
+        (mm, other),
+        (from_points(points, PointNoise(0.5)), from_points(points / factor, PointNoise(0.5 / factor), prior)),
+    ]
+    for one, same in pairs:
+        for name in ("ranges", "radial", "isotropic"):
+            np.testing.assert_allclose(factor * getattr(same, name), getattr(one, name), rtol=1e-9, err_msg=name)
+
+
+def test_of_any_scale_the_median_lies_as_far_away_as_in_a_nose():
+    scale = any_scale(0.5)
+    assert (0.5 * scale.low, 0.5 * scale.high) == pytest.approx(ENDOSCOPIC_MM)
+    with pytest.raises(InputError, match="above 0"):
+        any_scale(0.0)
+
+
+def test_points_in_the_camera_and_cameras_that_saw_none_are_refused():
+    with pytest.raises(InputError, match="1 of 50 in its centre"):
+        from_points(np.where(np.arange(50)[:, None] == 7, 0.0, cloud()))
+    stands, seen_from = np.zeros((3, 3)), np.repeat([0, 2], 25)
+    with pytest.raises(InputError, match="none of camera 1"):
+        from_sightings(cloud(), stands, seen_from)
+
+
+def test_points_behind_the_camera_are_told_from_those_before_any_search():
+    with pytest.raises(InputError, match=r"100% of them behind it.*turn y and z"):
+        from_points(cloud() * [1, -1, -1])

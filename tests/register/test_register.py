@@ -13,6 +13,7 @@ from naris.errors import InputError, PoseError, RegionError, SurfaceError
 from naris.register.confidence import Evidence
 from naris.register.map import registration_map
 from naris.register.observation import DepthNoise, Scale, from_ranges, together
+from naris.register.rays import prepared
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, Belief, Orientation, in_region, near, of_prediction
 
@@ -145,6 +146,8 @@ def test_reasons_name_what_is_wrong():
         within=0.99,
         explained=0.99,
         misfit=1.0,
+        spread=1.0,
+        kinship=0.0,
         excess=0.0,
         agreement=0.5,
         cloud=False,
@@ -155,3 +158,35 @@ def test_reasons_name_what_is_wrong():
     assert "another patient" in (replace(good, explained=0.3).refusal(0.9, 0.8) or "")
     assert "several places" in (replace(good, margin=1.0).refusal(0.4, 0.8) or "")
     assert "loose" in (replace(good, sd_mm=2.5, sd_deg=9.0).refusal(0.4, 0.8) or "")
+
+
+def test_a_scale_that_ends_at_its_limit_is_no_answer(prepared_nose, trials):
+    """The truth lies a little beyond what was sought, and poses that nearly fit are sure enough but for that."""
+    limited = Scale("unknown", low=0.4, high=1.45)
+    results = [
+        register(prepared_nose, from_ranges(one.ranges["b"] / 1.5, one.rays, DepthNoise(pixel_mm=0.2), limited))
+        for one in trials
+    ]
+    at_limit = [one for one in results if one.scale > 1.44]
+    assert len(at_limit) >= 3
+    assert max(one.probability for one in at_limit) > 0.8
+    for one in at_limit:
+        assert one.status == "refused"
+        assert one.anatomy_T_camera is None
+        assert "limit of what was sought, 0.4 to 1.45 mm a unit" in one.reason
+
+
+def test_what_lies_further_away_than_the_anatomy_is_long_is_refused_before_any_search(prepared_nose, trials):
+    with pytest.raises(InputError, match=r"fit into .* mm across, got a median of"):
+        register(prepared_nose, from_ranges(50.0 * trials[0].ranges["a"], trials[0].rays))
+
+
+def test_of_several_views_the_smooth_error_is_counted_whole(prepared_nose, trials):
+    one = trials[0].observation("b")
+    stands = Pose(np.tile(np.eye(4), (4, 1, 1)), CAMERA, CAMERA)
+    several = prepared(prepared_nose, together([one] * 4, stands), fine=True)
+    rays = several.rays
+    real = rays.valid != 0
+    said = (np.square(rays.field) / rays.prior).sum(axis=1)[real]
+    left = (np.square(rays.radial) - np.square(np.tile(one.radial, 4)))[real] / np.square(rays.range[real])
+    np.testing.assert_allclose(said + left, one.smooth**2, rtol=0.02)

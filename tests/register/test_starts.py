@@ -11,7 +11,7 @@ from naris.core.anatomy import Anatomy
 from naris.core.pose import CAMERA, Pose, distance
 from naris.register.map import RegistrationMap
 from naris.register.observation import UNKNOWN, Observation, together
-from naris.register.starts import NOTHING, Belief, find_starts
+from naris.register.starts import NOTHING, Belief, find_starts, near
 
 NEAR_MM, NEAR_DEG = 3.0, 20.0
 
@@ -66,3 +66,12 @@ def test_of_several_views_as_many_starts_come_from_each_region_as_of_one(
         label = regions.label(starts.poses[:, :3, 3])
         assert len(starts.poses) >= count - len(regions.names)
         assert (label == regions.names.index(believed)).sum() >= 80
+
+
+def test_believed_poses_begin_with_the_scale_that_their_walls_have(prepared_nose, trials):
+    for trial in trials:
+        believed = near(trial.anatomy_T_camera, np.diag([0.01] * 3 + [1e-4] * 3)[None])
+        starts = find_starts(prepared_nose, trial.observation("c"), believed, 4, np.random.default_rng(0))
+        np.testing.assert_allclose(starts.log_scales, trial.log_scale("c"), atol=0.15)
+        known = find_starts(prepared_nose, trial.observation("b"), believed, 4, np.random.default_rng(0))
+        assert not known.log_scales.any()

@@ -139,6 +139,11 @@ def known_distance(anatomy: Anatomy, spacing_mm: float, values_mm: Float32[np.nd
     return SignedDistance(values_mm, origin, spacing_mm, anatomy.frame, triangles, end)
 
 
+def grid_shape(anatomy: Anatomy, spacing_mm: float) -> tuple[int, int, int]:
+    """How many nodes `signed_distance` has along each axis."""
+    return _grid(anatomy, spacing_mm)[1]
+
+
 def lumen_distance(anatomy: Anatomy, deep_mm: float = 0.0) -> SignedDistance:
     """The signed distance for what asks in the lumen and so deep in tissue alone: the whole one where that is kept."""
     whole = (anatomy.digest, SPACING_MM, np.inf) in _kept or isinstance(anatomy.airspace, Between)

@@ -10,9 +10,10 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from naris.register.equations import cast
 from naris.register.map import RegistrationMap
@@ -22,7 +23,8 @@ from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, alike
 
 FITTED = "confidence.json"
 _MOST_MARGIN, _MOST_ROUGH = 60.0, 30.0
-_EXPLAINED_SD = 3.0
+_EXPLAINED_SD, _TRUNCATED = 3.0, 0.9866  # the latter: of a normal error within the former, its deviation
+_NEIGHBOURS = (1, 2)
 _LEAST_EXPLAINED = 0.6
 _SAME_MM, _SAME_RAD = 1.0, 0.09
 _LEAST_COSINE = 0.05
@@ -43,6 +45,9 @@ class Evidence:
         within: the chance of 2 mm and 5° by the covariance alone.
         explained: the share of rays within 3 standard deviations of the wall, the smooth error counted as noise.
         misfit: the median of their absolute residuals over what it should be; 1 where the noise is as said.
+        spread: the same of the root of their mean square.
+        kinship: the correlation of the residuals of neighbours, 0 where each ray is off by itself: walls that are not
+            the patient's are off together.
         excess: how much more the pose costs a ray, with the smooth error estimated, than noise as said would.
         agreement: the share of solutions that ended at the best pose.
         cloud: whether points were seen, which are off in every direction.
@@ -57,6 +62,8 @@ class Evidence:
     within: float
     explained: float
     misfit: float
+    spread: float
+    kinship: float
     excess: float
     agreement: float
     cloud: bool
@@ -83,16 +90,18 @@ class Evidence:
         """
         above = (solutions.costs[basins] - solutions.costs[0]) * solutions.rays
         pose, scale = solutions.poses[0], float(np.exp(solutions.log_scales[0]))
-        explained, misfit, expected = _fit(at, observation, pose, scale)
+        fit = _fit(at, observation, pose, scale)
         return Evidence(
             margin=float(above[1]) if len(above) > 1 else float("inf"),
             rough_margin=_rough_margin(rough, pose),
             sd_mm=_largest(covariance[:3, :3]),
             sd_deg=float(np.rad2deg(_largest(covariance[3:, 3:]))),
             within=chance_within(covariance),
-            explained=explained,
-            misfit=misfit,
-            excess=float(solutions.costs[0]) - expected,
+            explained=fit.explained,
+            misfit=fit.misfit,
+            spread=fit.spread,
+            kinship=fit.kinship,
+            excess=float(solutions.costs[0]) - fit.expected,
             agreement=float(alike(solutions.poses, pose, _SAME_MM, _SAME_RAD).mean()),
             cloud=observation.is_cloud,
             free=observation.scale.free,
@@ -121,6 +130,8 @@ class Evidence:
                 # Beside a cloud, likelihoods are those of another model, and ranges from few points.
                 float(self.cloud),
                 float(self.cloud) * log_margin,
+                float(self.cloud) * 10 * np.log(max(self.spread, 1e-3)),
+                float(self.cloud) * 10 * self.kinship,
             ]
         )
 
@@ -174,23 +185,44 @@ def _fitted() -> tuple[Float[np.ndarray, "f"], float]:
     return np.array(told["weights"]), float(told["bias"])
 
 
-def _fit(
-    at: RegistrationMap, observation: Observation, pose: Float[np.ndarray, "4 4"], scale: float
-) -> tuple[float, float, float]:
-    """The share of rays that a pose explains, the misfit of those, and what a ray would cost if all were as said."""
+class _Fit(NamedTuple):
+    """See `Evidence`; `expected` is what a ray would cost if all were as said."""
+
+    explained: float
+    misfit: float
+    spread: float
+    kinship: float
+    expected: float
+
+
+def _fit(at: RegistrationMap, observation: Observation, pose: Float[np.ndarray, "4 4"], scale: float) -> _Fit:
+    """How well a pose explains the rays, each by itself."""
     rays = prepared(at, observation, fine=False).rays
     memory = memory_for(rays)
     cast(at.embree, rays, pose, scale, memory)
     real = rays.valid != 0
+    met = memory.normal[:, real].any(axis=0)
     wall = np.abs(memory.hit[real])
-    cosine = np.maximum(-(memory.normal * memory.ray).sum(axis=0)[real], _LEAST_COSINE)
+    # A ray that leaves the anatomy is explained by no wall.
+    cosine = np.where(met, np.maximum(-(memory.normal * memory.ray).sum(axis=0)[real], _LEAST_COSINE), 1.0)
     even = rays.isotropic[real] / cosine
-    off = np.abs(rays.range[real] * scale - wall) / (scale * np.hypot(rays.radial[real], even))
-    fits = off < _EXPLAINED_SD
-    misfit = float(np.median(off[fits])) / 0.6745 if fits.any() else np.inf
+    off = np.where(met, (rays.range[real] * scale - wall) / (scale * np.hypot(rays.radial[real], even)), np.inf)
+    fits = np.abs(off) < _EXPLAINED_SD
     along = np.hypot(observation.radial, even)  # rays keep the order of the observation
     expected = 1 + np.log(2 * np.pi) + 2 * float(np.log(along).mean())
-    return float(fits.mean()), misfit, expected
+    if not fits.any():
+        return _Fit(0.0, np.inf, np.inf, 0.0, expected)
+    misfit = float(np.median(np.abs(off[fits]))) / 0.6745
+    square = float(np.square(off[fits]).mean())
+    # Neighbours along the Morton curve, of one view.
+    both = [(off[k:] * off[:-k])[fits[k:] & fits[:-k] & _same_view(observation, k)] for k in _NEIGHBOURS]
+    product = np.concatenate(both)
+    kinship = float(product.mean() / square) if len(product) and square > 0 else 0.0
+    return _Fit(float(fits.mean()), misfit, np.sqrt(square) / _TRUNCATED, kinship, expected)
+
+
+def _same_view(observation: Observation, apart: int) -> Bool[np.ndarray, "m"]:
+    return np.asarray(observation.view[apart:] == observation.view[:-apart])
 
 
 def _largest(block: Float[np.ndarray, "3 3"]) -> float:

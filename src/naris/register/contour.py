@@ -30,6 +30,7 @@ _DARK = 8.0  # grey levels, added before the logarithm: noise is no contrast
 _FAINT, _CLEAR = 0.015, 0.08  # changes of the logarithm over a pixel: no edge, and surely one
 _SD_PX = 1.5
 _ALIKE = 0.2  # edges beside each other are off together: each tells as much as a fifth of one alone
+_NEARER = 0.5  # the share of the distance that may be left: edges of another place come less near
 _LONGEST_MM, _LONGEST_RAD = 1.0, 0.1
 _NUDGE_MM = 1e-3
 _FRAME_GREY = 14  # what is darker is the black frame around the picture of an endoscope
@@ -43,7 +44,8 @@ class Sharpened:
         registration: with pose and covariance as they are with the picture; as it was where there are too few edges.
         edges: how many places of the last round had an edge of the picture near.
         moved_mm, moved_deg: from the pose without the picture.
-        off_px: the median distance of walls' edges from the picture's, before and after; NaN where there are too few.
+        off_px: the median distance of walls' edges from the picture's, before and after, sought equally far away; NaN
+            where there are too few.
     """
 
     registration: Registration
@@ -110,8 +112,9 @@ def sharpened(
         step *= min(1.0, _LONGEST_MM / max(moved_mm, 1e-9), _LONGEST_RAD / max(moved_rad, 1e-9))
         pose, twist = pose @ Pose.exp(step, CAMERA, CAMERA), twist + step
         edges = _edges(scene, pose, picture, intrinsics, reach)
-    off_px = (first.middle_px, edges.middle_px)
-    if edges.seen < FEWEST_EDGES or not off_px[1] <= off_px[0]:
+    # With the reach of the first round: within a shorter one edges are near whatever the picture shows.
+    off_px = (first.middle_px, _edges(scene, pose, picture, intrinsics, _REACH[0]).middle_px)
+    if edges.seen < FEWEST_EDGES or not off_px[1] <= _NEARER * off_px[0]:
         return Sharpened(found, edges.seen, 0.0, 0.0, off_px)
     matrix, _ = _equations(edges)
     moved = replace(

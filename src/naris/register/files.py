@@ -55,8 +55,9 @@ def _read_cloud(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
         raise InputError(
             f"points in {path.name}", f"something else ({error})", "give three numbers a line, a PLY or a .npy (N, 3)"
         ) from error
-    if points.ndim != 2 or points.shape[1] < columns or not np.issubdtype(points.dtype, np.number):
-        todo = "give x, y and z" if columns == 3 else "give x, y, z and the normal"
+    fits = points.ndim == 2 and points.shape[1] in {columns, 6} and np.issubdtype(points.dtype, np.number)
+    if not fits:
+        todo = "give x, y and z, or those and the normal" if columns == 3 else "give x, y, z and the normal"
         raise InputError(f"points (N, {columns}) in {path.name}", f"an array of shape {points.shape}", todo)
     return np.asarray(points[:, :columns], dtype=np.float64)
 
@@ -76,9 +77,11 @@ def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:
     else:
         depth = _picture(path, content)
     if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.number):
-        raise InputError(f"a depth image (H, W) in {path.name}", f"an array of shape {depth.shape}", "give one channel")
+        got = f"an array of shape {depth.shape} and type {depth.dtype}"
+        raise InputError(f"a depth image (H, W) of numbers in {path.name}", got, "give one channel")
     if not depth.size or np.nanmax(np.where(np.isfinite(depth), depth, 0)) <= 0:
-        raise InputError(f"some depth above 0 in {path.name}", "none", "check the file")
+        got = "negative ones only" if depth.size and np.nanmin(np.where(np.isfinite(depth), depth, 0)) < 0 else "none"
+        raise InputError(f"some depth above 0 in {path.name}", got, "check the file, and which way its z looks")
     return np.asarray(depth, dtype=np.float64) * unit_mm
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from naris.anatomy.distance import SignedDistance, known_distance, signed_distance
+from naris.anatomy.distance import SignedDistance, grid_shape, known_distance, signed_distance
 from naris.core.anatomy import Anatomy, Between
 from naris.core.kept import Kept
 from naris.errors import SurfaceError
@@ -29,6 +29,8 @@ TEXELS = 32
 """Edge of the square that everything around a place is told on: about 6° a texel."""
 _STEPS_PER_FACTOR = 40.0
 _LEAST_MM = 0.25
+_TISSUE_MM = 2 * GRID_MM
+_SETTINGS = (GRID_MM, TEXELS, _STEPS_PER_FACTOR, _LEAST_MM, _TISSUE_MM)
 _kept: Kept[RegistrationMap] = Kept(4)
 
 
@@ -96,13 +98,13 @@ def _made(anatomy: Anatomy, places_mm: float, room_mm: float, cache: Path | None
     geometry = geometry_of(anatomy)
     scene, found = PacketScene(geometry.vertices_mm, geometry.faces), library()
     embree = Embree(found.intersect, scene.address, ctypes.addressof(ARGUMENTS), found.width)
-    file = None if cache is None else map_file(cache, anatomy.digest, (places_mm, room_mm, GRID_MM, TEXELS))
+    file = None if cache is None else map_file(cache, anatomy.digest, (places_mm, room_mm, *_SETTINGS))
     known = None if file is None else read_map(file)
-    if known is not None:
+    if known is not None and known.distances_mm.shape == grid_shape(anatomy, GRID_MM):
         distance = known_distance(anatomy, GRID_MM, known.distances_mm)
         places, panoramas = known.places_mm, known.panoramas
     else:
-        distance = signed_distance(anatomy, GRID_MM, tissue_to_mm=2 * GRID_MM)
+        distance = signed_distance(anatomy, GRID_MM, tissue_to_mm=_TISSUE_MM)
         places = _places(distance, places_mm, room_mm)
         if not len(places):
             raise SurfaceError(

@@ -7,7 +7,9 @@ the last few that were used stay.
 from __future__ import annotations
 
 import os
+import time
 import zipfile
+import zlib
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
-from naris.core.atomic import replacing
+from naris.core.atomic import PART, replacing
 from naris.core.provenance import digest
 from naris.errors import DiskFull
 
@@ -25,6 +27,7 @@ FORMAT = 1
 
 MOST_FILES = 16
 _SUFFIX = ".map.npz"
+_STALE_S = 3600.0
 
 
 class MapArrays(NamedTuple):
@@ -45,9 +48,10 @@ def read_map(path: Path) -> MapArrays | None:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
             found = MapArrays(*(kept[name] for name in MapArrays._fields))
+    except (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):
+        return None  # RuntimeError: a damaged archive that looks encrypted, or of another version
+    with suppress(OSError):  # a cache of somebody else may be read all the same
         os.utime(path)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
     whole = len(found.places_mm) == len(found.panoramas) > 0 and found.distances_mm.ndim == 3
     return found if whole else None
 
@@ -57,6 +61,9 @@ def write_map(path: Path, arrays: MapArrays) -> None:
     with suppress(OSError, DiskFull):
         with replacing(path, durable=False) as part:
             np.savez(part, **arrays._asdict())
+        for left in path.parent.glob(f".*{PART}.npz"):  # of a writer that was killed
+            if time.time() - left.stat().st_mtime > _STALE_S:
+                left.unlink(missing_ok=True)
         by_age = sorted(path.parent.glob(f"*{_SUFFIX}"), key=lambda file: file.stat().st_mtime, reverse=True)
         for old in by_age[MOST_FILES:]:
             old.unlink(missing_ok=True)

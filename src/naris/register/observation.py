@@ -23,6 +23,8 @@ _BLOCKS = 32
 _CONSISTENT = 4.5
 _NEAR_MM, _FAR_MM = 0.05, 1000.0
 _FEWEST = 12
+_MOST_BEHIND = 0.5
+_ROUNDED_MM = 0.03  # what the map rounds off
 _FLAT = 0.01  # rad: a view that is thinner leaves the pose loose
 
 
@@ -47,14 +49,18 @@ class Scale:
     def __post_init__(self) -> None:
         if self.kind not in ("known", "unknown", "prior"):
             raise InputError("a scale that is known, unknown or prior", repr(self.kind), "name one of the three")
+        is_prior = self.kind == "prior"
         fits = (
             0 < self.low < self.high < np.inf
             and 0 < self.factor < np.inf
-            and (self.sd_log > 0) == (self.kind == "prior")
+            and (self.sd_log > 0) == is_prior
+            and (self.factor == 1 or is_prior)
         )
         if not fits:
             raise InputError(
-                "positive factors, low below high, and a deviation for a prior only", f"{self}", "correct the scale"
+                "positive factors, low below high, and a factor and a deviation for a prior only",
+                f"{self}",
+                "correct the scale, or multiply what was seen by the factor",
             )
 
     @property
@@ -68,6 +74,20 @@ class Scale:
 
 
 KNOWN, UNKNOWN = Scale(), Scale("unknown")
+ENDOSCOPIC_MM = 3.0, 30.0
+"""How far away the walls are that an endoscope looks at, in the median."""
+
+
+def any_scale(median: float) -> Scale:
+    """Of what lies so far away in a unit of its own: any factor that makes `ENDOSCOPIC_MM` of it.
+
+    Raises:
+        InputError: if the median is not above 0.
+    """
+    if not 0 < median < np.inf:
+        raise InputError("a median distance above 0", f"{median:g}", "check the depth or the points")
+    low, high = ENDOSCOPIC_MM
+    return Scale("unknown", low=low / median, high=high / median)
 
 
 @dataclass(frozen=True)
@@ -99,7 +119,7 @@ class PointNoise:
     """How wrong the points of a cloud are: the same in every direction, but for outliers.
 
     Attributes:
-        sd_mm: standard deviation of a point.
+        sd_mm: standard deviation of a point, in the unit of the points.
         outliers: the share of points that tell nothing.
         normals_deg: standard deviation of its normal, where there are normals.
     """
@@ -226,7 +246,7 @@ def from_ranges(
             directions=directions,
             ranges=r,
             radial=np.hypot(pixel, 0.12 * noise.smooth * r),
-            isotropic=np.full(len(r), 0.03),
+            isotropic=np.full(len(r), _ROUNDED_MM / scale.middle),
             view=np.zeros(len(r), np.int64),
             outliers=noise.outliers,
             smooth=noise.smooth,
@@ -247,9 +267,16 @@ def from_points(
     Normals are turned towards the camera.
 
     Raises:
-        InputError: if they are too few, not finite, behind each other on one line, or in another unit than is said.
+        InputError: if they are too few, not finite, behind the camera, behind each other on one line, or in another
+            unit than is said.
     """
     points = np.asarray(points, dtype=np.float64)
+    if points.ndim == 2 and points.shape[1] == 3 and len(points) and (points[:, 2] < 0).mean() > _MOST_BEHIND:
+        raise InputError(
+            "points in front of the camera, in its frame (x right, y down, z forward)",
+            f"{(points[:, 2] < 0).mean():.0%} of them behind it",
+            "turn y and z round, or take the points from the world into the camera",
+        )
     return from_sightings(points, np.zeros((1, 3)), np.zeros(len(points), np.int64), noise, scale, normals)
 
 
@@ -279,9 +306,17 @@ def from_sightings(
     if not np.isfinite(points).all():
         bad = int((~np.isfinite(points).all(axis=1)).sum())
         raise InputError("finite points", f"{bad} of {len(points)} with NaN or infinity", "leave them out")
+    idle = sorted(set(range(len(cameras))) - set(seen_from.tolist()))
+    if idle:
+        raise InputError("points that each camera saw", f"none of camera {idle[0]}", "leave that camera out")
     origins = cameras[seen_from]
     ranges = np.linalg.norm(points - origins, axis=1)
-    sd = noise.sd_mm / scale.factor if scale.kind == "prior" else noise.sd_mm
+    if not ranges.all():
+        count = int((ranges == 0).sum())
+        raise InputError(
+            "points away from the camera", f"{count} of {len(points)} in its centre", "leave out pixels without depth"
+        )
+    sd = noise.sd_mm
     return _checked(
         Observation(
             origins=origins,
@@ -390,11 +425,14 @@ def _checked(observation: Observation) -> Observation:
     """
     n = len(observation)
     if n < _FEWEST:
-        raise InputError(f"at least {_FEWEST} points", f"{n}", "give more of the frame")
+        what = "points" if observation.is_cloud else "blocks of pixels with depth"
+        raise InputError(f"at least {_FEWEST} {what}", f"{n}", "give more of the frame")
     # Of directions in one plane the third singular value is 0; of a narrow but round view it is its half-width.
     if np.linalg.svd(observation.directions, compute_uv=False)[2] < _FLAT * np.sqrt(n):
         raise InputError(
-            "points all over the view", "points on one line or in one plane with the camera", "give a wider cloud"
+            "rays all over the view",
+            "rays on one line or in one plane with the camera",
+            "give more of the view, in the camera's own frame, and check the intrinsics of a depth image",
         )
     scale = observation.scale
     median = float(np.median(observation.ranges))

@@ -61,8 +61,9 @@ def prepared(at: RegistrationMap, observation: Observation, *, fine: bool, latti
         ones = np.ones(len(around.directions))
         rays = rays_of(around.origins, around.directions, ones, ones, ones, None, around.view)
         return Prepared(rays, _model(at, observation, CLOUD, 0), around.cloud, len(observation))
-    radial = observation.radial if has_field else np.hypot(observation.radial, observation.smooth * observation.ranges)
     field = _fields(observation) if has_field else None
+    left = observation.smooth if field is None else _left_out(observation, field)
+    radial = np.hypot(observation.radial, left * observation.ranges)
     rays = rays_of(
         observation.origins,
         observation.directions,
@@ -165,6 +166,17 @@ def _fields(observation: Observation) -> SmoothError:
         functions[a:b, column : column + len(part.precision)] = part.functions
         column += len(part.precision)
     return SmoothError(functions, np.concatenate([part.precision for part in parts]))
+
+
+def _left_out(observation: Observation, field: SmoothError) -> Float[np.ndarray, "n"] | float:
+    """The relative deviation that the few functions of each of several views leave out; noise of each ray by itself.
+
+    Of a single view they leave hardly any, and an observation counts that as noise of its rays.
+    """
+    if observation.views == 1:
+        return 0.0
+    said = (np.square(field.functions) / field.precision).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(observation.smooth**2 - said, 0.0)))
 
 
 @lru_cache(maxsize=8)

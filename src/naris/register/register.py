@@ -10,15 +10,18 @@ from jaxtyping import Float
 
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import Registration
+from naris.errors import InputError
 from naris.register.confidence import Evidence, probability
 from naris.register.finish import by_points
 from naris.register.map import RegistrationMap
-from naris.register.observation import Observation
+from naris.register.observation import Observation, Scale
 from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, coarse, different, fine
 from naris.register.starts import NOTHING, Belief, Starts, find_starts
 
 _ALTERNATIVES = 4
 _LEAST_CHANCE = 1e-3
+_LIMIT = 1.01
+"""A scale so near to a limit, as a factor, has ended there."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +65,9 @@ def register(
     Raises:
         PoseError: if believed poses are in another frame.
         RegionError: if no believed region has room for a camera.
-        InputError: if the method cannot be used on what was seen.
+        InputError: if the method cannot be used on what was seen, or it lies further away than the anatomy is long.
     """
+    _check_size(at, observation)
     rng = np.random.default_rng(config.seed)
     starts = find_starts(at, observation, belief, config.starts, rng)
     rough = coarse(at, observation, starts)
@@ -74,6 +78,18 @@ def register(
     else:
         solutions = by_points(at, observation, finalists, config.method)
     return _chosen(at, observation, rough, _with_belief(solutions, belief), config)
+
+
+def _check_size(at: RegistrationMap, observation: Observation) -> None:
+    low, high = at.anatomy.bounds_mm
+    across = float(np.linalg.norm(high - low))
+    median = float(np.median(observation.ranges)) * observation.scale.factor
+    if observation.scale.kind != "unknown" and median > across:
+        raise InputError(
+            f"distances that fit into {at.anatomy.name}, which is {across:.0f} mm across",
+            f"a median of {median:.0f} mm",
+            "check the unit: what a step of a depth image is, or the scale",
+        )
 
 
 def _with_belief(solutions: Solutions, belief: Belief) -> Solutions:
@@ -95,7 +111,8 @@ def _chosen(
     covariance = _covariance(solutions, 0)
     evidence = Evidence.of(at, observation, rough, solutions, basins, covariance)
     chance = probability(evidence)
-    reason = evidence.refusal(chance, config.least_probability)
+    reason = _at_limit(observation.scale, float(solutions.log_scales[0]))
+    reason = evidence.refusal(chance, config.least_probability) if reason is None else reason
     return Registration(
         anatomy_T_camera=poses[0] if reason is None else None,
         best=poses[0],
@@ -107,6 +124,17 @@ def _chosen(
         margin=evidence.margin,
         covariance=covariance,
         alternatives=poses[1:],
+    )
+
+
+def _at_limit(scale: Scale, log_scale: float) -> str | None:
+    """Why a scale that was sought between limits tells nothing; None where it came to rest between them."""
+    factor = float(np.exp(log_scale))
+    if scale.kind != "unknown" or scale.low * _LIMIT < factor < scale.high / _LIMIT:
+        return None
+    return (
+        f"the scale ended at the limit of what was sought, {scale.low:.3g} to {scale.high:.3g} mm a unit: "
+        "seek further, or give a prior"
     )
 
 

@@ -16,12 +16,15 @@ from naris.core.results import Prediction
 from naris.errors import InputError, PoseError, RegionError
 from naris.register.compare import Fits, Search, compare
 from naris.register.directions import rotations, texels
+from naris.register.equations import cast
 from naris.register.map import TEXELS, RegistrationMap, factor_of, quantised, steps_of
 from naris.register.observation import Observation
+from naris.register.rays import memory_for, rays_of
 from naris.register.threads import spread
 
 _LOOKED_AT = 49
 _FEW = 3
+_PRIOR_SD = 2.0  # how far a scale may begin from its prior
 _ASKED = 3000  # starts of the first view that the other views are asked about
 _NONE, _LATER = 2**30, 2**24  # instead of a sum of differences: there is no start; above all of those who were asked
 _CAP = 24  # steps of `quantised`: a factor of 1.8
@@ -154,8 +157,34 @@ def _beside(
     roots = np.linalg.cholesky((spread_by if belief.covariance is None else belief.covariance) + 1e-9 * np.eye(6))
     twists = np.einsum("nij,nj->ni", roots[numbers], rng.standard_normal((count, 6)))
     twists[:m] = 0.0
-    moved = poses[numbers] @ Pose.exp(twists, poses.source, poses.source)
-    return Starts(np.array(moved.matrix), np.full(count, np.log(observation.scale.middle)))
+    moved = np.array((poses[numbers] @ Pose.exp(twists, poses.source, poses.source)).matrix)
+    return Starts(moved, _scales_at(at, observation, moved))
+
+
+def _scales_at(
+    at: RegistrationMap, observation: Observation, poses: Float[np.ndarray, "n 4 4"]
+) -> Float[np.ndarray, "n"]:
+    """The logarithm of the scale at which the first view's ranges are those of the walls, in the median."""
+    scale = observation.scale
+    logs = np.full(len(poses), np.log(scale.middle))
+    if not scale.free:
+        return logs
+    few = observation.rows(observation.view == 0).some(_LOOKED_AT)
+    n, ones = len(few), np.ones(len(few))
+    rays = rays_of(np.zeros((n, 3)), few.directions, ones, ones, ones)
+    memory = memory_for(rays)
+    reach = (
+        (np.log(scale.low), np.log(scale.high))
+        if scale.kind == "unknown"
+        else logs[0] + _PRIOR_SD * np.array([-scale.sd_log, scale.sd_log])
+    )
+    for k, pose in enumerate(poses):
+        cast(at.embree, rays, pose, 1.0, memory)
+        met = memory.normal[:, :n].any(axis=0)
+        if met.any():
+            ratio = np.log(np.abs(memory.hit[:n][met]) / few.ranges[met])
+            logs[k] = np.clip(np.median(ratio), *reach)
+    return logs
 
 
 def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, count: int) -> Starts:

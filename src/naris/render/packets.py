@@ -108,7 +108,8 @@ def found(packet, valid, at, ray):
     face = choose(seen, load(packet.words, PRIM), 0)
     x, y, z = load(packet.rays, NG_X), load(packet.rays, NG_Y), load(packet.rays, NG_Z)
     inverse = 1.0 / sqrt(most(x * x + y * y + z * z, np.float32(1e-30)))
-    side = choose(x * ray[0] + y * ray[1] + z * ray[2] > 0.0, -1.0, 1.0)
+    # A lane that met nothing still holds the normal that an earlier packet left there.
+    side = choose(seen & (x * ray[0] + y * ray[1] + z * ray[2] > 0.0), -1.0, 1.0)
     scale = choose(seen, inverse * side, 0.0)
     u, v = choose(seen, load(packet.rays, U), 0.0), choose(seen, load(packet.rays, V), 0.0)
     return seen, distance, face, u, v, (x * scale, y * scale, z * scale), side

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
 from naris.errors import InputError
-from naris.register.observation import Observation, PointNoise, Scale, from_sightings
+from naris.register.observation import Observation, PointNoise, Scale, any_scale, from_sightings
 
 WORLD = "world"
 """The frame of the points, wherever the program put it."""
@@ -22,8 +22,6 @@ _FEWEST_MORE = 12
 _MOST_POINTS = 1024
 _NOISE = 0.03
 _NAMED = 3
-_MEDIAN_MM = (3.0, 30.0)
-"""Between these lies the median distance to what an endoscope in a nose sees: an unknown scale is sought there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +88,7 @@ def noise_of(points: Float[np.ndarray, "n 3"]) -> PointNoise:
 
 def unknown_scale(points: Float[np.ndarray, "n 3"]) -> Scale:
     """Any factor that puts the median of these points, in a camera, 3 to 30 mm away."""
-    median = float(np.median(np.linalg.norm(points, axis=1)))
-    return Scale("unknown", low=_MEDIAN_MM[0] / median, high=_MEDIAN_MM[1] / median)
+    return any_scale(float(np.median(np.linalg.norm(points, axis=1))))
 
 
 def observed(
