@@ -13,7 +13,6 @@ another. A logistic regression with a small ridge.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 import time
@@ -27,6 +26,7 @@ from scipy.optimize import minimize
 
 import naris
 from naris.anatomy.builtin.variation import virtual_patient
+from naris.bench.register import solver_digest
 from naris.bench.trials import FREE_POINTS, NOISES, Trial, drawn_trials, neighbours_of
 from naris.core.atomic import write_json
 from naris.core.pose import distance
@@ -84,6 +84,7 @@ def main(part: int = 0, parts: int = 1) -> None:
             "schema": "naris.confidence/1",
             "naris": naris.__version__,
             "made_by": "docs/make_confidence.py",
+            "solver": solver_digest(),
             "seed": SEED,
             "patients": PATIENTS,
             "trials": len(y),
@@ -137,9 +138,7 @@ def one(kind: str, at: RegistrationMap, seen: Observation, belief: Belief, trial
 
 def _kept(number: int) -> Path:
     """Where the rows of a patient are kept; other sources, other rows."""
-    sources = sorted((ROOT / "src/naris/register").glob("*.py"))
-    digest = hashlib.sha256(b"".join(one.read_bytes() for one in sources)).hexdigest()[:12]
-    return ROOT / "out" / "confidence" / digest / f"{SEED}-{number}.json"
+    return ROOT / "out" / "confidence" / solver_digest() / f"{SEED}-{number}.json"
 
 
 def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> None:

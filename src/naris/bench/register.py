@@ -7,9 +7,12 @@ patients always are.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import resources
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -33,6 +36,7 @@ from naris.core.pose import CAMERA, Pose, distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
 from naris.evaluate.score import reliability
+from naris.register.confidence import FITTED
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.observation import Observation, together
 from naris.register.register import RegisterConfig, register
@@ -52,6 +56,19 @@ GOALS = {
 CPU_GOALS_S = {"region": 0.3, "none": 1.0, "pose": 0.02}
 _NEAR_MM, _NEAR_RAD = 2.0, np.deg2rad(10.0)
 _OTHERS = 2_000_000  # seeds of the patients here, apart from those that the confidence is fitted on
+SOLVER = (
+    "cloud",
+    "cloud_equations",
+    "compare",
+    "confidence",
+    "directions",
+    "equations",
+    "rays",
+    "smooth",
+    "solve",
+    "starts",
+    "steps",
+)
 _POINTS = 400
 _STRANGE: tuple[Noise, ...] = ("b", "c", "d", FREE_POINTS)
 _REPEATS = 200
@@ -280,8 +297,25 @@ def _warm_up(setting: Setting) -> None:
         register(at, setting.trials[0].observation(noise))
 
 
+def solver_digest() -> str:
+    """Of the sources that decide where a registration ends and what speaks for it."""
+    room = resources.files("naris.register")
+    content = b"".join(room.joinpath(f"{name}.py").read_bytes() for name in SOLVER)
+    return hashlib.sha256(content).hexdigest()[:12]
+
+
+def of_which_solver() -> str:
+    """Whether the confidence was fitted on the solver as it is."""
+    fitted = json.loads(resources.files("naris.register").joinpath(FITTED).read_text(encoding="utf-8")).get("solver")
+    here = solver_digest()
+    return f"fitted on this solver, {here}" if fitted == here else f"fitted on another solver, {fitted}; this is {here}"
+
+
 def _inputs(request: BenchRequest) -> dict[str, str]:
-    told = {"patients": "built-in noses of drawn parameters, seeds apart from those of the confidence"}
+    told = {
+        "patients": "built-in noses of drawn parameters, seeds apart from those of the confidence",
+        "confidence": of_which_solver(),
+    }
     for name in (FROZEN, MEAN, cissticp.MESH, f"{deformable.SHOT}/structure.ply"):
         if request.scans is not None and (request.scans / name).is_file():
             told[name] = f"SHA-256 {file_digest(request.scans / name)}"

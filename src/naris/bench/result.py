@@ -150,7 +150,8 @@ def wilson(right: int, n: int) -> tuple[float, float]:
     """The 95 % interval of a share, of so many out of n > 0 (Wilson 1927)."""
     p, z = right / n, 1.96
     middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+    low, high = (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+    return max(low, 0.0), min(high, 1.0)  # they are 0 and 1 at the ends but for rounding
 
 
 def read_result(path: Path) -> BenchResult:
