@@ -46,7 +46,8 @@ WEIGHTS = {
     f"{start} {noise}": weight
     for start, weight in (("none", 1.0), ("region", 1.0), ("other", 1 / 3), ("mistold", 1 / 3), ("views", 1.0))
     for noise in ALL
-} | {"other views b": 1 / 3}
+} | {"other views b": 1 / 3, "other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
+"""Other patients are rarer in use than here; of clouds they are the hardest to tell, and count twice for it."""
 _GROUPS = 6
 MISTOLD = (0.6, 1.7)
 """What the deviations of the noise are multiplied with where they are told wrong."""
