@@ -32,6 +32,7 @@ _LENSES: dict[str, type[Pinhole] | type[Brown] | type[Fisheye]] = {
     "brown": Brown,
     "fisheye": Fisheye,
 }
+_HUGE = 1e9  # no number of a camera; what is not finite is not below it either
 _CAMERA_KEYS = {"width", "height", "fx", "fy", "cx", "cy", "lens"}
 
 
@@ -94,19 +95,20 @@ def intrinsics_from_json(content: dict[str, Any]) -> Intrinsics:
         raise DatasetError(f"intrinsics with {', '.join(sorted(_CAMERA_KEYS))}", " and ".join(got), todo)
     fields = dict(content)
     lens = dict(fields.pop("lens"))
-    kind = lens.get("kind")
+    kind = str(lens.get("kind"))
     if kind not in _LENSES:
         raise DatasetError(f"a lens of the kind {', '.join(_LENSES)}", f"{kind!r}", todo)
-    for name, number in {**fields, **{key: value for key, value in lens.items() if key != "kind"}}.items():
-        is_number = isinstance(number, (int, float)) and not isinstance(number, bool)
-        if not is_number or (name in ("width", "height") and int(number) != number):
-            what = "a whole number" if name in ("width", "height") else "a number"
+    for name, number in {**fields, **lens, "kind": 0}.items():
+        whole = name in ("width", "height")
+        is_number = isinstance(number, (int, float)) and not isinstance(number, bool) and abs(number) < _HUGE
+        if not is_number or (whole and number != int(number)):
+            what = "a whole number" if whole else "a number"
             raise DatasetError(f"{what} for {name} of the intrinsics", f"{number!r}", "correct it")
     try:
         made: Lens = _LENSES[kind](**lens)
-        return Intrinsics(**fields, lens=made)
-    except (TypeError, ValueError, OverflowError) as error:
+    except TypeError as error:
         raise DatasetError(f"the numbers of a {kind} lens", f"{lens}", "correct them") from error
+    return Intrinsics(**fields, lens=made)
 
 
 def image_name(index: int) -> str:
