@@ -120,11 +120,17 @@ def test_a_refused_pose_leaves_no_transform(
     out = tmp_path / "out"
     out.mkdir()
     (out / "anatomy_T_camera.tfm").write_text("of an earlier run")
-    arguments = ["--depth", str(seen / "depth.png"), "--depth-unit-mm", "0.01", "--probability", "1", "-o", str(out)]
-    assert main(words(tube, seen, *arguments)) == 1
+    arguments = ["--depth", str(seen / "depth.png"), "--depth-unit-mm", "0.01", "-o", str(out), "--probability"]
+    assert main(words(tube, seen, *arguments, "1")) == 1
     assert capfd.readouterr().out.startswith("refused: ")
-    assert {one.name for one in out.iterdir()} == {"registration.json", "landmarks.mrk.json"}
+    assert {one.name for one in out.iterdir()} == {"registration.json", "landmarks.mrk.json", "refused.png"}
     assert json.loads((out / "registration.json").read_text())["anatomy_T_camera"] is None
+    with Image.open(out / "refused.png") as marked:
+        pixels = np.asarray(marked)
+    assert (pixels[[0, -1]] == (150, 20, 20)).all() and (pixels[:, [0, -1]] == (150, 20, 20)).all()
+    assert (pixels == 255).all(axis=-1).sum() > 200  # the words
+    assert main(words(tube, seen, *arguments, "0")) == 0
+    assert not (out / "refused.png").exists()
 
 
 def test_a_cloud_needs_no_camera(tube: Path, seen: Path, capfd: pytest.CaptureFixture[str]) -> None:

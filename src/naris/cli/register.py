@@ -11,7 +11,7 @@ import tyro
 from naris.cli.console import Console
 from naris.cli.observed import check_observation, ground_of, observe
 from naris.cli.options import IfGiven, refuse
-from naris.cli.registered import OWN, looks_of, write_registered
+from naris.cli.registered import OWN, look_of_refused, looks_of, write_registered
 from naris.errors import InputError
 
 if TYPE_CHECKING:
@@ -129,7 +129,10 @@ def run(options: Options, console: Console) -> int:
     data = _told(found, anatomy, seen.observation, options.method) | {"contours": contours}
     if options.out is not None:
         pose = found.anatomy_T_camera
-        looks = looks_of(pose, anatomy, seen, ground, flickers=options.frame is not None)
+        if pose is None:
+            looks = look_of_refused(found.best, anatomy, seen, ground)
+        else:
+            looks = looks_of(pose, anatomy, seen, ground, flickers=options.frame is not None)
         data["files"] = write_registered(options.out, pose, anatomy, looks, data)
     console.answer(data, _text(data))
     return 0 if found.status == "registered" else REFUSED

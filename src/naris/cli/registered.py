@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 RESULT, LANDMARKS = "registration.json", "landmarks.mrk.json"
 TRANSFORM, HDF5 = "anatomy_T_camera.tfm", "anatomy_T_camera.h5"
-VIEW, OVERLAY, FLICKER = "view.png", "overlay.png", "flicker.gif"
+VIEW, OVERLAY, FLICKER, REFUSED = "view.png", "overlay.png", "flicker.gif", "refused.png"
 SHAPE, LOOSENESS = "anatomy", "vertex_sd_mm.npy"
-OWN = (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, SHAPE, LOOSENESS)
+OWN = (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, REFUSED, SHAPE, LOOSENESS)
 
 
 def looks_of(
@@ -24,6 +24,7 @@ def looks_of(
 ) -> dict[str, bytes]:
     """What the registered camera sees, and its walls drawn on what the real one saw; none for a refused pose.
 
+    See `look_of_refused` for that.
     Of a real picture also both in turn: an eye that sees them blink finds an error that no line shows.
     """
     from naris.register.look import blinking, overlay, png, seen_from
@@ -36,6 +37,16 @@ def looks_of(
     return looks | {FLICKER: blinking(ground, rgb)} if flickers else looks
 
 
+def look_of_refused(best: Pose, anatomy: Anatomy, seen: Seen, ground: np.ndarray | None) -> dict[str, bytes]:
+    """What the best guess looks like, marked as what it is: who asks why it was refused wants to see it."""
+    from naris.register.look import png, refused, seen_from
+    from naris.render.scene import Scene
+
+    if ground is None or seen.intrinsics is None:
+        return {}
+    return {REFUSED: png(refused(ground, *seen_from(Scene(anatomy), best, seen.intrinsics)))}
+
+
 def write_registered(
     folder: Path, pose: Pose | None, anatomy: Anatomy, looks: dict[str, bytes], data: dict[str, Any]
 ) -> list[str]:
@@ -45,7 +56,7 @@ def write_registered(
     from naris.register.files import slicer_landmarks, slicer_transform, write_slicer_hdf5
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, LOOSENESS):
+    for name in (TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, REFUSED, LOOSENESS):
         (folder / name).unlink(missing_ok=True)
     remove_anatomy(folder / SHAPE)
     written = [folder / RESULT, folder / LANDMARKS]

@@ -7,7 +7,7 @@ import io
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
@@ -16,6 +16,8 @@ from naris.render.scene import Scene, render
 JUMP = 0.12
 """Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
 _EDGE_RGB = (60, 255, 120)
+_REFUSED_RGB, _WARNING = (150, 20, 20), "REFUSED: the best guess, not to be used"
+_LEAST_WIDE, _HEAD, _FRAME = 240, 28, 6
 _FAR_SHARE = 0.98
 _BLINK_MS = 600
 
@@ -51,6 +53,19 @@ def overlay(picture: UInt8[np.ndarray, "h w 3"], depth: Float[np.ndarray, "h w"]
     drawn = picture.copy()
     drawn[cv2.dilate(edges(depth).astype(np.uint8), np.ones((2, 2), np.uint8)) > 0] = _EDGE_RGB
     return drawn
+
+
+def refused(
+    picture: UInt8[np.ndarray, "h w 3"], rgb: UInt8[np.ndarray, "h w 3"], depth: Float[np.ndarray, "h w"]
+) -> UInt8[np.ndarray, "k v 3"]:
+    """The edges of a guess on the picture, beside what a camera there sees: framed and headed as what it is."""
+    larger = max(round(_LEAST_WIDE / picture.shape[1]), 1)
+    pair = np.concatenate([overlay(picture, depth), rgb], axis=1).repeat(larger, axis=0).repeat(larger, axis=1)
+    framed = np.full((len(pair) + _HEAD + _FRAME, pair.shape[1] + 2 * _FRAME, 3), _REFUSED_RGB, np.uint8)
+    framed[_HEAD:-_FRAME, _FRAME:-_FRAME] = pair
+    made = Image.fromarray(framed)
+    ImageDraw.Draw(made).text((_FRAME, _FRAME), _WARNING, fill=(255, 255, 255), font_size=_HEAD - 2 * _FRAME)
+    return np.asarray(made)
 
 
 def shaded(depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
