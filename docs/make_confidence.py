@@ -1,6 +1,6 @@
 """Fit the probability of a registration (`naris.register.confidence`) on simulated trials, and write it.
 
-    python docs/make_confidence.py            # about twenty minutes; writes src/naris/register/confidence.json
+    python docs/make_confidence.py            # about half an hour; writes src/naris/register/confidence.json
     python docs/make_confidence.py 0 2        # the even patients of it alone, for two at once; then the first line
 
 What each patient came to is kept in out/confidence, by the solver's sources, and not done again.
@@ -8,7 +8,8 @@ What each patient came to is kept in out/confidence, by the solver's sources, an
 Virtual patients with views drawn as those of `naris bench register`, but of other seeds: from nothing, every second one
 from the true region, with noise a to e; every second one to another patient, which are all wrong; every fifth with
 noise that is said to be less or more than it is; and with two views beside every third one (b), in this patient and in
-another. A logistic regression with a small ridge.
+another. A logistic regression with a small ridge; and covariances by the equations are held against the errors of right
+poses.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from naris.bench.register import solver_digest
 from naris.bench.trials import FREE_POINTS, NOISES, Trial, drawn_trials, neighbours_of
 from naris.core.atomic import write_json
 from naris.core.pose import distance
-from naris.evaluate.score import reliability
+from naris.evaluate.score import normalised_square, reliability
 from naris.register import confidence
 from naris.register import register as registration
 from naris.register.map import RegistrationMap, registration_map
@@ -49,20 +50,31 @@ WEIGHTS = {
 } | {"other views b": 1 / 3, "other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
 """Other patients are rarer in use than here; of clouds they are the hardest to tell, and count twice for it."""
 _GROUPS = 6
+_OF_COVARIANCE = {"depth": ("none b", "none c"), "several": ("views b",), "points": ("none d", f"none {FREE_POINTS}")}
+_FROM = 12
+"""The first patient whose errors the covariances are held against; two thirds of them tell enough."""
 MISTOLD = (0.6, 1.7)
 """What the deviations of the noise are multiplied with where they are told wrong."""
 
 
 class Row(NamedTuple):
-    """One registration for the fit: how it began with which noise, what spoke for it, and whether it was right."""
+    """One registration for the fit.
+
+    Attributes:
+        kind: how it began with which noise.
+        features: what spoke for it.
+        right: whether it was.
+        normalised: the square of its error over the covariance, a degree of freedom; 1 on average where that is right.
+    """
 
     kind: str
     features: np.ndarray
     right: bool
+    normalised: float
 
     def to_json(self) -> list[object]:
         """Its parts in their order."""
-        return [self.kind, self.features, self.right]
+        return [self.kind, self.features, self.right, self.normalised]
 
 
 def main(part: int = 0, parts: int = 1) -> None:
@@ -75,7 +87,7 @@ def main(part: int = 0, parts: int = 1) -> None:
     if not all(_kept(number).is_file() for number in range(PATIENTS)):
         return
     done = [(number, *row) for number in range(PATIENTS) for row in json.loads(_kept(number).read_text())]
-    of, kind, features, right = (np.array(column) for column in zip(*done, strict=True))
+    of, kind, features, right, normalised = (np.array(column) for column in zip(*done, strict=True))
     x, y, w = features, right.astype(float), np.array([WEIGHTS[one] for one in kind])
     _tell_left_out(of, kind, x, y, w)
     weights, bias = _fitted(x, y, w)
@@ -93,6 +105,7 @@ def main(part: int = 0, parts: int = 1) -> None:
             "config": asdict(RegisterConfig()),
             "weights": weights.tolist(),
             "bias": bias,
+            "covariance": _of_covariance(kind, right & (of >= _FROM), normalised),
         },
     )
 
@@ -134,7 +147,9 @@ def one(kind: str, at: RegistrationMap, seen: Observation, belief: Belief, trial
     registration.probability = keep
     result = register(at, seen, belief, RegisterConfig(seed=seed))
     off_mm, off_rad = distance(result.best, trial.anatomy_T_camera)
-    return Row(kind, kept[0].features, bool(off_mm <= 2.0 and np.rad2deg(off_rad) <= 5.0))
+    by_equations = result.covariance / confidence.covariance_factor(seen)
+    square = normalised_square(result.best, trial.anatomy_T_camera, by_equations)
+    return Row(kind, kept[0].features, bool(off_mm <= 2.0 and np.rad2deg(off_rad) <= 5.0), square)
 
 
 def _kept(number: int) -> Path:
@@ -166,6 +181,14 @@ def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarra
         share, wrong = accepted.sum() / some.sum(), 1 - y[accepted].mean() if accepted.any() else 0.0
         told = f"  {noise}: right {y[some].mean():.3f}, accepted {share:.3f}, of these wrong {wrong:.4f}"
         print(told, file=sys.stderr)
+
+
+def _of_covariance(kind: np.ndarray, right: np.ndarray, normalised: np.ndarray) -> dict[str, float]:
+    """By what is seen: the mean square of the errors of right poses over their covariances by the equations."""
+    return {
+        seen: float(np.mean(normalised[right & np.isin(kind, kinds)], dtype=np.float64))
+        for seen, kinds in _OF_COVARIANCE.items()
+    }
 
 
 def _fitted(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:

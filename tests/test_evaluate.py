@@ -19,7 +19,7 @@ from naris.dataset.pictures import encode_rgb
 from naris.dataset.read import Dataset
 from naris.errors import DatasetError, RegionError
 from naris.evaluate import Said, export, read_said, score, summary
-from naris.evaluate.score import bootstrap
+from naris.evaluate.score import bootstrap, normalised_square
 from naris.model.calibration import Calibration
 from naris.model.checkpoint import Checkpoint, Subject
 from naris.model.compact import CompactConfig
@@ -242,3 +242,14 @@ def test_pictures_that_a_model_learned_from_are_told(tmp_path: Path, caplog: pyt
     other = dataset.anatomy_T_camera @ Pose.of(np.eye(3), np.array([0.01, 0, 0]), "camera", "camera")
     export(replace(model, training={"data": {"kind": "data set", "views": fingerprints(other)}}), dataset)
     assert not caplog.records
+
+
+def test_errors_as_large_as_their_covariance_says_come_to_one() -> None:
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((6, 6)) * np.array([0.3, 0.3, 0.3, 0.02, 0.02, 0.02])[:, None]
+    truth = Pose.exp(np.array([3.0, -2.0, 5.0, 0.5, -1.0, 0.3]), "LPS", "camera")
+    errors = rng.standard_normal((600, 6)) @ root.T
+    found = [truth @ Pose.exp(error, "camera", "camera").inverse() for error in errors]
+    squares = [normalised_square(one, truth, root @ root.T) for one in found]
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.08)
+    assert np.mean([normalised_square(one, truth, 4 * root @ root.T) for one in found]) == pytest.approx(0.25, abs=0.02)

@@ -10,9 +10,11 @@ from naris.bench.trials import drawn_trials
 from naris.core.pose import CAMERA, Pose
 from naris.register import confidence
 from naris.register.confidence import chance_within
-from naris.register.observation import PointNoise, from_points
+from naris.register.equations import RANGES, Model
+from naris.register.observation import PointNoise, from_points, together
 from naris.register.register import RegisterConfig, register
-from naris.register.starts import NOTHING, near
+from naris.register.solve import Solutions, fine
+from naris.register.starts import NOTHING, Starts, near
 
 
 def loose_by(sd_mm: float, sd_deg: float) -> np.ndarray:
@@ -82,3 +84,36 @@ def test_rays_that_leave_the_anatomy_are_explained_by_nothing(prepared_nose) -> 
     outside[:3, 3] = prepared_nose.anatomy.bounds_mm[1] + 100.0
     points = np.random.default_rng(0).uniform([-4, -4, 6], [4, 4, 12], (60, 3))
     assert confidence._fit(prepared_nose, from_points(points), outside, 1.0).explained == 0.0
+
+
+def ended(poses: list[Pose], costs: list[float]) -> Solutions:
+    model = Model(RANGES, 0.05, 10.0, 0, 0.0, 0.0, -np.inf, np.inf, 1, 0)
+    matrices = np.stack([pose.matrix for pose in poses])
+    return Solutions(matrices, np.zeros(len(poses)), np.array(costs), 100, model)
+
+
+def test_what_ended_elsewhere_counts_by_what_it_costs() -> None:
+    best = Pose.identity("LPS", CAMERA)
+    aside = best @ Pose.exp(np.array([0.0, 0.0, 0.0, np.deg2rad(10.0), 0.0, 0.0]), CAMERA, CAMERA)
+    assert confidence._astray(ended([best, best], [1.0, 1.0]), best.matrix, 1.0) == (0.0, 0.0, 0.0)
+    _, as_good, _ = confidence._astray(ended([aside, aside], [1.0, 1.0]), best.matrix, 1.0)
+    assert as_good == pytest.approx(2.0)  # 10° where 5° are asked
+    scatter, dearer, dents = confidence._astray(ended([aside, aside], [1.2, 1.2]), best.matrix, 1.0)
+    assert scatter == pytest.approx(2.0)
+    assert dearer == pytest.approx(2.0 * np.exp(-0.5)) and dents == pytest.approx(20.0)  # 0.2 a ray of 100
+    far = best @ Pose.exp(np.array([900.0, 0.0, 0.0, 0.0, 0.0, 0.0]), CAMERA, CAMERA)
+    assert confidence._astray(ended([far], [1.0]), best.matrix, 1.0)[0] == pytest.approx(confidence._FARTHEST)
+
+
+def test_the_covariance_is_as_large_as_errors_are(prepared_nose, trials) -> None:
+    """By depth, points and several views apart; and what is kept is multiplied with it."""
+    one = trials[0]
+    views = [trial.observation("b") for trial in trials[:2]]
+    apart = one.anatomy_T_camera.inverse() @ trials[1].anatomy_T_camera
+    several = together(views, Pose(np.stack([np.eye(4), apart.matrix]), CAMERA, CAMERA))
+    factors = [confidence.covariance_factor(seen) for seen in (views[0], one.observation("d"), several)]
+    assert len(set(factors)) == 3 and min(factors) > 1
+    found = register(prepared_nose, views[0], NOTHING, RegisterConfig(seed=0))
+    by_equations = fine(prepared_nose, views[0], Starts(found.best.matrix[None].copy(), np.zeros(1)))
+    inverse = np.linalg.inv(by_equations.matrices[0])[:6, :6]
+    assert np.diag(found.covariance) / np.diag(inverse) == pytest.approx(np.full(6, factors[0]), rel=0.2)

@@ -35,7 +35,7 @@ from naris.bench.trials import (
 from naris.core.pose import CAMERA, Pose, distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
-from naris.evaluate.score import reliability
+from naris.evaluate.score import normalised_square, reliability
 from naris.register.confidence import FITTED
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.observation import Observation, together
@@ -46,7 +46,7 @@ from naris.register.starts import NOTHING, Belief, Starts, in_region, near
 PATIENTS, VIEWS = 20, 10
 QUICK_PATIENTS, QUICK_VIEWS = 1, 4
 OF_PATIENTS = ".patients"
-FROM_POSE = RegisterConfig(starts=8, finalists=1)
+FROM_POSE = RegisterConfig(starts=8, finalists=1, aside=0)
 GOALS = {
     "region": {"a": 1.0, "b": 0.85, "c": 0.70, "d": 0.80},
     "none": {"b": 0.80, "c": 0.65, "d": 0.75},
@@ -63,6 +63,7 @@ SOLVER = (
     "confidence",
     "directions",
     "equations",
+    "predictive",
     "rays",
     "smooth",
     "solve",
@@ -76,12 +77,13 @@ _REPEATS = 200
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One registration beside the truth."""
+    """One registration beside the truth; `normalised` is the square of its error over its covariance."""
 
     off_mm: float
     off_deg: float
     cpu_s: float
     result: Registration
+    normalised: float
 
     @property
     def right(self) -> bool:
@@ -132,6 +134,7 @@ def of_trials(request: BenchRequest) -> list[Figure]:
             figures += _of(f"register.views3.{noise}{suffix}", done, "views3", noise)
     unsure = [one for noise in "bcd" for one in known[f"none.{noise}{OF_PATIENTS}"]]
     figures += of_confidence(unsure)
+    figures += [of_covariance(noise, known[f"none.{noise}{OF_PATIENTS}"]) for noise in (*NOISES[1:], FREE_POINTS)]
     return [*figures, _solve_ms(sets[-1][1][0]), *_wrong_patients(request, sets[0][1])]
 
 
@@ -176,7 +179,8 @@ def _once(at: RegistrationMap, trial: Trial, noise: Noise, start: str, seed: int
     result = register(at, seen, belief, config)
     spent = time.process_time() - begun
     off_mm, off_rad = distance(result.best, trial.anatomy_T_camera)
-    return Outcome(float(off_mm), float(np.rad2deg(off_rad)), spent, result)
+    normalised = normalised_square(result.best, trial.anatomy_T_camera, result.covariance)
+    return Outcome(float(off_mm), float(np.rad2deg(off_rad)), spent, result, normalised)
 
 
 def _several(views: Sequence[Trial], rig_T_camera: Pose, noise: Noise) -> Observation:
@@ -227,6 +231,13 @@ def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
         ),
         _rate(f"{base}.false_accept", ~right[[one.result.status == "registered" for one in done]]),
     ]
+
+
+def of_covariance(noise: Noise, done: Sequence[Outcome]) -> Figure:
+    """How large the errors of right poses are beside what their covariances say: 1 if those are true."""
+    squares = [one.normalised for one in done if one.right and one.result.status == "registered"]
+    value = float(np.mean(squares)) if squares else None
+    return Figure(f"register.covariance.{noise}.normalised", value, "1", len(squares), "lower")
 
 
 def _rate(name: str, wrong: Bool[np.ndarray, "n"], goal: float | None = None) -> Figure:

@@ -262,3 +262,12 @@ def _in_claim(best: Pose, truth: Pose, covariance: Float[np.ndarray, "n 6 6"]) -
     error = np.concatenate([shift, rotation_vector(back @ truth.rotation)], axis=-1)
     square = (error * np.linalg.solve(covariance, error[..., None])[..., 0]).sum(axis=-1)
     return float((square <= chi2.ppf(_CLAIM, error.shape[-1])).mean())
+
+
+def normalised_square(best: Pose, truth: Pose, covariance: Float[np.ndarray, "6 6"]) -> float:
+    """The error of a pose over its covariance, squared, a degree of freedom: 1 on average where that is right.
+
+    Twists are of the camera, as `Pose.exp` has them (mm, rad).
+    """
+    twist = (best.inverse() @ truth).log()
+    return float(twist @ np.linalg.solve(covariance, twist)) / len(twist)

@@ -10,7 +10,7 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from naris.register.equations import cast
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
+from naris.register.predictive import surprise
 from naris.register.rays import memory_for, prepared
 from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, alike
 
@@ -30,7 +31,16 @@ _SAME_MM, _SAME_RAD = 1.0, 0.09
 _LEAST_COSINE = 0.05
 _LOOSE_MM, _LOOSE_DEG = 1.5, 4.0
 _WITHIN_MM, _WITHIN_RAD = 2.0, np.deg2rad(5.0)
+_FARTHEST, _DEAR = 4.0, 20.0
 _DRAWS = 512
+
+
+class Found(NamedTuple):
+    """What a registration came to: the coarse `rough`, the fine `solutions`, those `again` begun beside the best."""
+
+    rough: Solutions
+    solutions: Solutions
+    again: Solutions
 
 
 @dataclass(frozen=True)
@@ -41,7 +51,8 @@ class Evidence:
         margin: in −2 log likelihood, to the best pose of another basin among those that were solved finely.
         rough_margin: the same among all that went through both coarse stages, where the rivals are more and the noise
             is cruder; negative where the best pose was not the best then, and 0 where no start came near it.
-        sd_mm, sd_deg: the largest standard deviations of position and rotation, if the basin is right.
+        sd_mm, sd_deg: the largest standard deviations of position and rotation, if the basin is right, by the
+            equations alone.
         within: the chance of 2 mm and 5° by the covariance alone.
         explained: the share of rays within 3 standard deviations of the wall, the smooth error counted as noise.
         misfit: the median of their absolute residuals over what it should be; 1 where the noise is as said.
@@ -49,7 +60,11 @@ class Evidence:
         kinship: the correlation of the residuals of neighbours, 0 where each ray is off by itself: walls that are not
             the patient's are off together.
         excess: how much more the pose costs a ray, with the smooth error estimated, than noise as said would.
-        agreement: the share of solutions that ended at the best pose.
+        agreement: the share of what was begun beside the best pose that ended there.
+        scatter: how far they ended from it, in what is asked (2 mm or 5°).
+        astray: the same, those that are dearer counting less.
+        dents: how much dearer they ended, in −2 log likelihood: costs are rough where walls are another patient's.
+        surprise: how much dearer points are than points drawn at the best pose; 0 for depth.
         cloud: whether points were seen, which are off in every direction.
         free: whether the scale was free.
         clearance_mm: of the camera.
@@ -66,6 +81,10 @@ class Evidence:
     kinship: float
     excess: float
     agreement: float
+    scatter: float
+    astray: float
+    dents: float
+    surprise: float
     cloud: bool
     free: bool
     clearance_mm: float
@@ -74,8 +93,7 @@ class Evidence:
     def of(
         at: RegistrationMap,
         observation: Observation,
-        rough: Solutions,
-        solutions: Solutions,
+        found: Found,
         basins: Int[np.ndarray, "m"],
         covariance: Float[np.ndarray, "6 6"],
     ) -> Evidence:
@@ -83,17 +101,18 @@ class Evidence:
 
         Args:
             at, observation: what was registered.
-            rough: the coarse solutions of all starts.
-            solutions: the fine ones, the best first.
+            found: the solutions, the best first.
             basins: those of them that are no better one's neighbours.
             covariance: of the best.
         """
+        solutions = found.solutions
         above = (solutions.costs[basins] - solutions.costs[0]) * solutions.rays
         pose, scale = solutions.poses[0], float(np.exp(solutions.log_scales[0]))
         fit = _fit(at, observation, pose, scale)
+        scatter, astray, dents = _astray(found.again, pose, float(solutions.costs[0]))
         return Evidence(
             margin=float(above[1]) if len(above) > 1 else float("inf"),
-            rough_margin=_rough_margin(rough, pose),
+            rough_margin=_rough_margin(found.rough, pose),
             sd_mm=_largest(covariance[:3, :3]),
             sd_deg=float(np.rad2deg(_largest(covariance[3:, 3:]))),
             within=chance_within(covariance),
@@ -102,7 +121,11 @@ class Evidence:
             spread=fit.spread,
             kinship=fit.kinship,
             excess=float(solutions.costs[0]) - fit.expected,
-            agreement=float(alike(solutions.poses, pose, _SAME_MM, _SAME_RAD).mean()),
+            agreement=float(alike(found.again.poses, pose, _SAME_MM, _SAME_RAD).mean()),
+            scatter=scatter,
+            astray=astray,
+            dents=dents,
+            surprise=surprise(at, observation, solutions) if observation.is_cloud else 0.0,
             cloud=observation.is_cloud,
             free=observation.scale.free,
             clearance_mm=float(at.distance(pose[:3, 3])),
@@ -125,6 +148,9 @@ class Evidence:
                 np.log(max(self.misfit, 1e-3)),
                 np.clip(self.excess, -0.5, 3.0),
                 self.agreement,
+                np.log(self.astray + 0.05),
+                np.log(self.scatter + 0.05),
+                np.log1p(self.dents),
                 float(self.free),
                 min(self.clearance_mm, 4.0),
                 # Beside a cloud, likelihoods are those of another model, and ranges from few points.
@@ -132,6 +158,8 @@ class Evidence:
                 float(self.cloud) * log_margin,
                 float(self.cloud) * 10 * np.log(max(self.spread, 1e-3)),
                 float(self.cloud) * 10 * self.kinship,
+                np.clip(self.surprise, -10.0, 60.0) / 10,
+                np.log1p(max(self.surprise, 0.0)),
             ]
         )
 
@@ -148,7 +176,7 @@ class Evidence:
             return f"several places fit alike (probability {chance:.2f}): give another view, or more of them"
         if self.sd_mm > _LOOSE_MM or self.sd_deg > _LOOSE_DEG:
             return (
-                f"the view leaves the pose loose ({self.sd_mm:.1f} mm, {self.sd_deg:.1f}°, probability {chance:.2f}): "
+                f"the view leaves the pose loose, see its deviations (probability {chance:.2f}): "
                 "give a view with more shape"
             )
         return f"the pose is not sure enough: probability {chance:.2f} where {least:.2f} is asked"
@@ -158,6 +186,17 @@ def probability(evidence: Evidence) -> float:
     """Of being within 2 mm and 5° of the truth, in an anatomy and with noise as in the simulated trials."""
     weights, bias = _fitted()
     return float(1 / (1 + np.exp(-np.clip(evidence.features @ weights + bias, -30, 30))))
+
+
+def covariance_factor(observation: Observation) -> float:
+    """What a covariance by the equations is to be multiplied with for errors of right poses to be as large as it says.
+
+    The equations know nothing of dents in the costs, and take what a smooth error leaves out for noise of each ray.
+    """
+    factors = _told()["covariance"]
+    if observation.is_cloud:
+        return float(factors["points"])
+    return float(factors["depth" if observation.views == 1 else "several"])
 
 
 def chance_within(covariance: Float[np.ndarray, "6 6"]) -> float:
@@ -170,6 +209,17 @@ def chance_within(covariance: Float[np.ndarray, "6 6"]) -> float:
     return float((is_within.sum() + 0.5) / (_DRAWS + 1))
 
 
+def _astray(again: Solutions, pose: Float[np.ndarray, "4 4"], cost: float) -> tuple[float, float, float]:
+    """How far they ended from it, the root of the mean square, without and with weights; and how much dearer."""
+    off_mm = np.linalg.norm(again.poses[:, :3, 3] - pose[:3, 3], axis=1)
+    cosine = (np.einsum("nij,ij->n", again.poses[:, :3, :3], pose[:3, :3]) - 1) / 2
+    off = np.maximum(off_mm / _WITHIN_MM, np.arccos(np.clip(cosine, -1, 1)) / _WITHIN_RAD)
+    dearer = (again.costs - cost) * again.rays
+    square = np.square(np.minimum(off, _FARTHEST))
+    weighted = square * np.exp(-dearer / _DEAR)
+    return float(np.sqrt(square.mean())), float(np.sqrt(weighted.mean())), float(max(np.median(dearer), 0.0))
+
+
 def _rough_margin(rough: Solutions, pose: Float[np.ndarray, "4 4"]) -> float:
     here = alike(rough.poses, pose, BASIN_MM, BASIN_RAD)
     if not here.any():
@@ -179,10 +229,13 @@ def _rough_margin(rough: Solutions, pose: Float[np.ndarray, "4 4"]) -> float:
     return float(rough.costs[~here].min() - rough.costs[here].min()) * rough.rays
 
 
-@lru_cache(maxsize=1)
 def _fitted() -> tuple[Float[np.ndarray, "f"], float]:
-    told = json.loads(resources.files("naris.register").joinpath(FITTED).read_text(encoding="utf-8"))
-    return np.array(told["weights"]), float(told["bias"])
+    return np.array(_told()["weights"]), float(_told()["bias"])
+
+
+@lru_cache(maxsize=1)
+def _told() -> dict[str, Any]:
+    return dict(json.loads(resources.files("naris.register").joinpath(FITTED).read_text(encoding="utf-8")))
 
 
 class _Fit(NamedTuple):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from naris.register.map import RegistrationMap
 
 MOST_SMOOTH = 54
-_REACH = 3.0  # how far outliers lie, in medians of the ranges
+REACH = 3.0  # how far outliers lie, in medians of the ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def _model(at: RegistrationMap, observation: Observation, kind: int, smooth: int
     return Model(
         kind,
         float(observation.outliers),
-        _REACH * float(np.median(observation.ranges)),
+        REACH * float(np.median(observation.ranges)),
         int(scale.free),
         float(np.log(scale.factor)) if scale.kind == "prior" else 0.0,
         1 / scale.sd_log**2 if scale.kind == "prior" else 0.0,

@@ -11,11 +11,11 @@ from jaxtyping import Float
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import Registration
 from naris.errors import InputError
-from naris.register.confidence import Evidence, probability
+from naris.register.confidence import Evidence, Found, covariance_factor, probability
 from naris.register.finish import by_points
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation, Scale
-from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, coarse, different, fine
+from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, aside, coarse, different, fine, merged, promising
 from naris.register.starts import NOTHING, Belief, Starts, find_starts
 
 _ALTERNATIVES = 4
@@ -30,7 +30,8 @@ class RegisterConfig:
 
     Attributes:
         starts: solved coarsely.
-        finalists: solved finely.
+        finalists: solved finely, at most so many.
+        aside: begun again a little beside the best of them; half as many of points, which have fewer dents.
         least_probability: a pose that is less likely than this to be within 2 mm and 5° is refused.
         seed: of the starts beside believed poses.
         method: what the finalists are solved by: `naris` by rays and smooth error; of a known scale also `icp`, `imlp`
@@ -39,6 +40,7 @@ class RegisterConfig:
 
     starts: int = 200
     finalists: int = 8
+    aside: int = 4
     least_probability: float = 0.8
     seed: int = 0
     method: Literal["naris", "icp", "imlp", "imlop"] = "naris"
@@ -54,7 +56,7 @@ def register(
 
     Starts are compared in bulk with what is seen all around places inside the anatomy; the best of them are solved by
     robust Levenberg–Marquardt against the walls that the rays meet, then the best of those with the smooth error of the
-    depth estimated beside the pose. The most likely wins.
+    depth estimated beside the pose, and once more from beside the best. The most likely wins.
 
     Args:
         at: the anatomy (`registration_map`).
@@ -71,13 +73,20 @@ def register(
     rng = np.random.default_rng(config.seed)
     starts = find_starts(at, observation, belief, config.starts, rng)
     rough = coarse(at, observation, starts)
-    kept = different(rough, config.finalists)
-    finalists = Starts(rough.poses[kept], rough.log_scales[kept])
+    first = _finely(at, observation, promising(rough, config.finalists), belief, config)
+    count = config.aside // 2 if observation.is_cloud else config.aside
+    if not count:
+        return _chosen(at, observation, Found(rough, first, first), config)
+    again = _finely(at, observation, aside(first, count, rng), belief, config)
+    return _chosen(at, observation, Found(rough, merged(first, again), again), config)
+
+
+def _finely(
+    at: RegistrationMap, observation: Observation, starts: Starts, belief: Belief, config: RegisterConfig
+) -> Solutions:
     if config.method == "naris":
-        solutions = fine(at, observation, finalists)
-    else:
-        solutions = by_points(at, observation, finalists, config.method)
-    return _chosen(at, observation, rough, _with_belief(solutions, belief), config)
+        return _with_belief(fine(at, observation, starts), belief)
+    return _with_belief(by_points(at, observation, starts, config.method), belief)
 
 
 def _check_size(at: RegistrationMap, observation: Observation) -> None:
@@ -103,13 +112,12 @@ def _with_belief(solutions: Solutions, belief: Belief) -> Solutions:
     )
 
 
-def _chosen(
-    at: RegistrationMap, observation: Observation, rough: Solutions, solutions: Solutions, config: RegisterConfig
-) -> Registration:
+def _chosen(at: RegistrationMap, observation: Observation, found: Found, config: RegisterConfig) -> Registration:
+    solutions = found.solutions
     basins = different(solutions, _ALTERNATIVES, BASIN_MM, BASIN_RAD)
     poses = Pose(solutions.poses[basins], at.anatomy.frame, CAMERA)
     covariance = _covariance(solutions, 0)
-    evidence = Evidence.of(at, observation, rough, solutions, basins, covariance)
+    evidence = Evidence.of(at, observation, found, basins, covariance)
     chance = probability(evidence)
     reason = _at_limit(observation.scale, float(solutions.log_scales[0]))
     reason = evidence.refusal(chance, config.least_probability) if reason is None else reason
@@ -122,7 +130,7 @@ def _chosen(
         scale=float(np.exp(solutions.log_scales[0])),
         cost=float(solutions.costs[0]),
         margin=evidence.margin,
-        covariance=covariance,
+        covariance=covariance_factor(observation) * covariance,
         alternatives=poses[1:],
     )
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from naris.core.pose import Pose
 from naris.register.equations import MOST_UNKNOWNS, Model
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
@@ -25,6 +26,9 @@ BASIN_MM, BASIN_RAD = 2.0, 0.15
 _COARSE_OUTLIERS = 0.1
 _PROMISING, _PROMISING_POINTS, _FEW = 0.6, 0.8, 8  # the share of starts worth a second stage, never fewer than so many
 _SAME_MM, _SAME_RAD = 0.5, 0.07
+_BEHIND = 100.0  # in −2 log likelihood of the coarse rays: nothing that far behind was ever best in the end
+_RIG = "rig"
+_ASIDE_MM, _ASIDE_RAD = 0.4, np.deg2rad(5.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +109,41 @@ def _solved(
         seen.count,
         model,
         None if matrices is None else matrices[order],
+    )
+
+
+def promising(rough: Solutions, most: int) -> Starts:
+    """The best of the coarse solutions that differ, as starts of the fine one, without those that are far behind."""
+    kept = different(rough, most)
+    kept = kept[(rough.costs[kept] - rough.costs[0]) * rough.rays < _BEHIND]
+    return Starts(rough.poses[kept], rough.log_scales[kept])
+
+
+def aside(solutions: Solutions, count: int, rng: np.random.Generator) -> Starts:
+    """Starts a little beside the best solution.
+
+    What a ray meets jumps where a wall hides another, so that a solution may rest in a dent of the costs; what begins
+    beside it finds a deeper one there, or comes back.
+    """
+    twists = rng.standard_normal((count, 6)) * np.repeat([_ASIDE_MM, _ASIDE_RAD], 3)
+    moved = Pose(solutions.poses[0], _RIG, _RIG) @ Pose.exp(twists, _RIG, _RIG)
+    return Starts(np.array(moved.matrix), np.full(count, solutions.log_scales[0]))
+
+
+def merged(first: Solutions, second: Solutions) -> Solutions:
+    """Those of both, best first."""
+    costs = np.concatenate([first.costs, second.costs])
+    order = np.argsort(costs, kind="stable")
+    matrices = None
+    if first.matrices is not None and second.matrices is not None:
+        matrices = np.concatenate([first.matrices, second.matrices])[order]
+    return Solutions(
+        np.concatenate([first.poses, second.poses])[order],
+        np.concatenate([first.log_scales, second.log_scales])[order],
+        costs[order],
+        first.rays,
+        first.model,
+        matrices,
     )
 
 
