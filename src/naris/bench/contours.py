@@ -16,6 +16,7 @@ from naris.bench.result import Figure
 from naris.bench.trials import CAMERA_OF_TRIALS, Noise, drawn_trials
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose, distance
+from naris.evaluate.score import normalised_square
 from naris.register.contour import FEWEST_EDGES, sharpened
 from naris.register.map import registration_map
 from naris.register.register import RegisterConfig, register
@@ -48,9 +49,12 @@ def figures(request: BenchRequest) -> list[Figure]:
                     spent = time.process_time() - begun
                     before, after = _off(found.best, truth), _off(made.registration.best, truth)
                     if before[0] <= _NEAR_MM and before[1] <= _NEAR_DEG:
-                        rows[noise].append((*before, *after, float(made.edges >= FEWEST_EDGES), spent))
+                        squares = [
+                            normalised_square(one.best, truth, one.covariance) for one in (found, made.registration)
+                        ]
+                        rows[noise].append((*before, *after, float(made.edges >= FEWEST_EDGES), spent, *squares))
             advance(1)
-    return [figure for noise in NOISES for figure in _of(noise, np.array(rows[noise]).reshape(-1, 6))]
+    return [figure for noise in NOISES for figure in _of(noise, np.array(rows[noise]).reshape(-1, 8))]
 
 
 def _off(pose: Pose, truth: Pose) -> tuple[float, float]:
@@ -61,7 +65,7 @@ def _off(pose: Pose, truth: Pose) -> tuple[float, float]:
 def _of(noise: Noise, rows: np.ndarray) -> list[Figure]:
     base, edged = f"register.contours.{noise}", rows[rows[:, 4] > 0]
     made = [Figure(f"{base}.with_edges", float(rows[:, 4].mean()) if len(rows) else 0.0, "1", len(rows), "higher")]
-    for first, when in ((0, "before"), (2, "after")):
+    for first, square, when in ((0, 6, "before"), (2, 7, "after")):
         off_mm, off_deg = (edged[:, first], edged[:, first + 1]) if len(edged) else (np.full(1, np.nan),) * 2
         close = (rows[:, first] <= 1.0) & (rows[:, first + 1] <= 3.0)
         n = len(edged)
@@ -69,5 +73,6 @@ def _of(noise: Noise, rows: np.ndarray) -> list[Figure]:
             Figure(f"{base}.{when}_mm", float(off_mm.mean()) if n else 0.0, "mm", n, "lower"),
             Figure(f"{base}.{when}_deg", float(off_deg.mean()) if n else 0.0, "deg", n, "lower"),
             Figure(f"{base}.{when}_close", float(close.mean()) if len(rows) else 0.0, "1", len(rows), "higher"),
+            Figure(f"{base}.{when}_normalised", float(edged[:, square].mean()) if n else 0.0, "1", n, "lower"),
         ]
     return [*made, Figure(f"{base}.cpu_s", float(rows[:, 5].mean()) if len(rows) else 0.0, "CPU-s", len(rows), "lower")]
