@@ -51,8 +51,6 @@ WEIGHTS = {
 """Other patients are rarer in use than here; of clouds they are the hardest to tell, and count twice for it."""
 _GROUPS = 6
 _OF_COVARIANCE = {"depth": ("none b", "none c"), "several": ("views b",), "points": ("none d", f"none {FREE_POINTS}")}
-_FROM = 12
-"""The first patient whose errors the covariances are held against; two thirds of them tell enough."""
 MISTOLD = (0.6, 1.7)
 """What the deviations of the noise are multiplied with where they are told wrong."""
 
@@ -105,7 +103,7 @@ def main(part: int = 0, parts: int = 1) -> None:
             "config": asdict(RegisterConfig()),
             "weights": weights.tolist(),
             "bias": bias,
-            "covariance": _of_covariance(kind, right & (of >= _FROM), normalised),
+            "covariance": _of_covariance(kind, right, normalised),
         },
     )
 
@@ -185,10 +183,7 @@ def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarra
 
 def _of_covariance(kind: np.ndarray, right: np.ndarray, normalised: np.ndarray) -> dict[str, float]:
     """By what is seen: the mean square of the errors of right poses over their covariances by the equations."""
-    return {
-        seen: float(np.mean(normalised[right & np.isin(kind, kinds)], dtype=np.float64))
-        for seen, kinds in _OF_COVARIANCE.items()
-    }
+    return {seen: float(np.mean(normalised[right & np.isin(kind, kinds)])) for seen, kinds in _OF_COVARIANCE.items()}
 
 
 def _fitted(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:

@@ -128,7 +128,7 @@ def test_a_refused_pose_leaves_no_transform(
     with Image.open(out / "refused.png") as marked:
         pixels = np.asarray(marked)
     assert (pixels[[0, -1]] == (150, 20, 20)).all() and (pixels[:, [0, -1]] == (150, 20, 20)).all()
-    assert (pixels == 255).all(axis=-1).sum() > 200  # the words
+    assert (pixels[:20] == 255).all(axis=-1).sum() > 200  # the words
     assert main(words(tube, seen, *arguments, "0")) == 0
     assert not (out / "refused.png").exists()
 

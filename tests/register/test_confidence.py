@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from naris.bench.trials import drawn_trials
-from naris.core.pose import CAMERA, Pose
+from naris.core.pose import CAMERA, Pose, distance
 from naris.register import confidence
-from naris.register.confidence import chance_within
+from naris.register.confidence import Evidence, chance_within, probability
 from naris.register.equations import RANGES, Model
 from naris.register.observation import PointNoise, from_points, together
 from naris.register.register import RegisterConfig, register
@@ -95,14 +97,16 @@ def ended(poses: list[Pose], costs: list[float]) -> Solutions:
 def test_what_ended_elsewhere_counts_by_what_it_costs() -> None:
     best = Pose.identity("LPS", CAMERA)
     aside = best @ Pose.exp(np.array([0.0, 0.0, 0.0, np.deg2rad(10.0), 0.0, 0.0]), CAMERA, CAMERA)
-    assert confidence._astray(ended([best, best], [1.0, 1.0]), best.matrix, 1.0) == (0.0, 0.0, 0.0)
-    _, as_good, _ = confidence._astray(ended([aside, aside], [1.0, 1.0]), best.matrix, 1.0)
-    assert as_good == pytest.approx(2.0)  # 10° where 5° are asked
-    scatter, dearer, dents = confidence._astray(ended([aside, aside], [1.2, 1.2]), best.matrix, 1.0)
-    assert scatter == pytest.approx(2.0)
-    assert dearer == pytest.approx(2.0 * np.exp(-0.5)) and dents == pytest.approx(20.0)  # 0.2 a ray of 100
+    assert confidence._around(ended([best, best], [1.0, 1.0]), best.matrix, 1.0) == (1.0, 0.0, 0.0, 0.0)
+    as_good = confidence._around(ended([aside, aside, best], [1.0, 1.0, 1.0]), best.matrix, 1.0)
+    assert as_good.astray == pytest.approx(2.0 * np.sqrt(2 / 3))  # 10° where 5° are asked
+    assert as_good.agreement == pytest.approx(1 / 3)
+    dearer = confidence._around(ended([aside, aside], [1.2, 1.2]), best.matrix, 1.0)
+    assert dearer.scatter == pytest.approx(2.0)
+    assert dearer.astray == pytest.approx(2.0 * np.exp(-0.5)) and dearer.dents == pytest.approx(20.0)  # 0.2 of 100 rays
     far = best @ Pose.exp(np.array([900.0, 0.0, 0.0, 0.0, 0.0, 0.0]), CAMERA, CAMERA)
-    assert confidence._astray(ended([far], [1.0]), best.matrix, 1.0)[0] == pytest.approx(confidence._FARTHEST)
+    assert confidence._around(ended([far], [1.0]), best.matrix, 1.0).scatter == pytest.approx(confidence._FARTHEST)
+    assert confidence._around(None, best.matrix, 1.0) == confidence._NOT_TRIED
 
 
 def test_the_covariance_is_as_large_as_errors_are(prepared_nose, trials) -> None:
@@ -111,9 +115,45 @@ def test_the_covariance_is_as_large_as_errors_are(prepared_nose, trials) -> None
     views = [trial.observation("b") for trial in trials[:2]]
     apart = one.anatomy_T_camera.inverse() @ trials[1].anatomy_T_camera
     several = together(views, Pose(np.stack([np.eye(4), apart.matrix]), CAMERA, CAMERA))
-    factors = [confidence.covariance_factor(seen) for seen in (views[0], one.observation("d"), several)]
-    assert len(set(factors)) == 3 and min(factors) > 1
+    factors = [confidence.covariance_factor(seen) for seen in (views[0], several, one.observation("d"))]
+    assert factors == [confidence._file()["covariance"][seen] for seen in ("depth", "several", "points")]
+    assert factors[1] > factors[0] > factors[2] > 1
     found = register(prepared_nose, views[0], NOTHING, RegisterConfig(seed=0))
     by_equations = fine(prepared_nose, views[0], Starts(found.best.matrix[None].copy(), np.zeros(1)))
     inverse = np.linalg.inv(by_equations.matrices[0])[:6, :6]
     assert np.diag(found.covariance) / np.diag(inverse) == pytest.approx(np.full(6, factors[0]), rel=0.2)
+
+
+def test_what_fits_nothing_has_a_probability_and_more_surprise_never_helps() -> None:
+    nothing = Evidence(
+        **dict.fromkeys(("margin", "rough_margin", "astray", "dents", "surprise", "kinship"), 0.0),
+        **dict.fromkeys(("misfit", "spread"), np.inf),
+        sd_mm=0.2, sd_deg=0.5, within=0.99, explained=0.0, excess=3.0, agreement=1.0, scatter=0.0, cloud=True,
+        free=False, clearance_mm=2.0,
+    )  # fmt: skip
+    assert max(probability(nothing), probability(replace(nothing, cloud=False))) <= 0.02
+    fits = replace(nothing, margin=40.0, rough_margin=30.0, misfit=1.0, spread=1.0, explained=0.93, excess=0.7)
+    by_surprise = [probability(replace(fits, surprise=float(z))) for z in (0, 3, 10, 30, 60, 200)]
+    assert by_surprise[0] > 0.5
+    assert (np.diff(by_surprise) < 0).all()
+
+
+def test_what_began_beside_the_best_may_win(prepared_nose, trials, monkeypatch) -> None:
+    """As many as asked, of points half; the only good start is one of them."""
+    one, asked = trials[0], []
+
+    def at_truth(solutions: Solutions, frame: str, count: int, rng: np.random.Generator) -> Starts:
+        asked.append(count)
+        return Starts(np.repeat(one.anatomy_T_camera.matrix[None], count, axis=0), np.zeros(count))
+
+    monkeypatch.setattr("naris.register.register.aside", at_truth)
+    far = trials[1].anatomy_T_camera
+    belief = near(Pose(far.matrix[None], prepared_nose.anatomy.frame, CAMERA), np.diag([0.01] * 3 + [1e-4] * 3)[None])
+    for noise in ("b", "d"):
+        found = register(prepared_nose, one.observation(noise), belief, RegisterConfig(starts=2, finalists=1))
+        assert distance(found.best, one.anatomy_T_camera)[0] < 1.0
+        without = register(
+            prepared_nose, one.observation(noise), belief, RegisterConfig(starts=2, finalists=1, aside=0)
+        )
+        assert distance(without.best, one.anatomy_T_camera)[0] > 2.0
+    assert asked == [4, 2]

@@ -32,7 +32,7 @@ def test_points_that_are_as_said_are_no_surprise_and_a_dent_is(prepared_nose, tr
     noise = PointNoise(SD_MM, outliers=1e-9)
     as_said, dented = (
         [
-            surprise(prepared_nose, seen, judged(prepared_nose, seen, at_truth(trial)))
+            surprise(prepared_nose, seen, judged(prepared_nose, seen, at_truth(trial)), np.random.default_rng(0))
             for k, trial in enumerate(trials)
             for seen in [from_points(points_of(trial, k, dent_mm=dent), noise)]
         ]
@@ -48,7 +48,12 @@ def test_it_is_the_same_in_any_unit(prepared_nose, trials) -> None:
     one = from_points(points, PointNoise(SD_MM))
     other = from_points(points / 2.0, PointNoise(SD_MM / 2.0), Scale("unknown"))
     told = [
-        surprise(prepared_nose, seen, judged(prepared_nose, seen, at_truth(trials[0], log_scale)))
+        surprise(
+            prepared_nose,
+            seen,
+            judged(prepared_nose, seen, at_truth(trials[0], log_scale)),
+            np.random.default_rng(0),
+        )
         for seen, log_scale in ((one, 0.0), (other, np.log(2.0)))
     ]
     assert told[0] == pytest.approx(told[1], abs=0.5)

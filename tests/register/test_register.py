@@ -160,7 +160,7 @@ def test_reasons_name_what_is_wrong():
     )
     assert good.refusal(0.95, 0.8) is None
     assert "another patient" in (replace(good, explained=0.3).refusal(0.9, 0.8) or "")
-    assert "several places" in (replace(good, margin=1.0).refusal(0.4, 0.8) or "")
+    assert "several poses" in (replace(good, margin=1.0).refusal(0.4, 0.8) or "")
     assert "loose" in (replace(good, sd_mm=2.5, sd_deg=9.0).refusal(0.4, 0.8) or "")
 
 

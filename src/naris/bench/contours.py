@@ -30,7 +30,10 @@ _NEAR_MM, _NEAR_DEG = 4.0, 10.0
 
 
 def figures(request: BenchRequest) -> list[Figure]:
-    """By noise: the mean error before and after where there are edges, and how many of all near poses are close."""
+    """By noise: the mean error before and after where there are edges, and how many of all near poses are close.
+
+    And the squared error of right ones over what their covariances say, as `naris.bench.register.of_covariance`.
+    """
     count, views = (QUICK_PATIENTS, QUICK_VIEWS) if request.quick else (PATIENTS, VIEWS)
     rows: dict[Noise, list[tuple[float, ...]]] = {noise: [] for noise in NOISES}
     with request.progress.task("contours", count) as advance:
@@ -73,6 +76,12 @@ def _of(noise: Noise, rows: np.ndarray) -> list[Figure]:
             Figure(f"{base}.{when}_mm", float(off_mm.mean()) if n else 0.0, "mm", n, "lower"),
             Figure(f"{base}.{when}_deg", float(off_deg.mean()) if n else 0.0, "deg", n, "lower"),
             Figure(f"{base}.{when}_close", float(close.mean()) if len(rows) else 0.0, "1", len(rows), "higher"),
-            Figure(f"{base}.{when}_normalised", float(edged[:, square].mean()) if n else 0.0, "1", n, "lower"),
+            _normalised(f"{base}.{when}_normalised", edged[:, [first, first + 1, square]]),
         ]
     return [*made, Figure(f"{base}.cpu_s", float(rows[:, 5].mean()) if len(rows) else 0.0, "CPU-s", len(rows), "lower")]
+
+
+def _normalised(name: str, rows: np.ndarray) -> Figure:
+    """Of rows (N, 3) of mm, degrees and squares."""
+    squares = rows[(rows[:, 0] <= 2.0) & (rows[:, 1] <= 5.0), 2]
+    return Figure(name, float(squares.mean()) if len(squares) else None, "1", len(squares), "lower")

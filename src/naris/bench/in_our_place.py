@@ -2,7 +2,8 @@
 
 Our search gives everybody the same poses to begin from; what everybody makes of them is judged by our likelihood, and
 the best is taken. Libraries and our own coarse and fine solver begin from its 40 best starts; ICP and IMLP, as a user
-chooses them (`RegisterConfig.method`), from the eight finalists that our coarse solver leaves of 200.
+chooses them (`RegisterConfig.method`), from the at most eight finalists that our coarse solver leaves of 200. Nobody
+begins again beside the best.
 
 None of the libraries estimates a scale with a pose. Where it is unknown, each start keeps the one that the search found
 for it.
@@ -22,7 +23,7 @@ from naris.core.pose import CAMERA, Pose
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
 from naris.register.register import RegisterConfig, register
-from naris.register.solve import coarse, different, fine, judged
+from naris.register.solve import coarse, fine, judged, promising
 from naris.register.starts import Belief, Starts, find_starts
 
 OURS = "naris"
@@ -50,7 +51,7 @@ def solver_of(name: str, anatomy: Anatomy, seed: int = 0) -> Solver | str:
         return lambda at, seen, belief: _by_us(at, seen, belief, seed)
     if name in METHODS:
         method: Literal["icp", "imlp"] = "icp" if name == "icp" else "imlp"
-        config = RegisterConfig(method=method, seed=seed)
+        config = RegisterConfig(method=method, seed=seed, aside=0)
         return lambda at, seen, belief: register(at, seen, belief, config).best
     target = target_of(anatomy.vertices_mm, anatomy.faces, _TARGET_POINTS, np.random.default_rng(seed))
     of_cloud = aligner(name, target, _REACHES_MM)
@@ -61,8 +62,7 @@ def solver_of(name: str, anatomy: Anatomy, seed: int = 0) -> Solver | str:
 
 def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, seed: int) -> Pose:
     rough = coarse(at, seen, _starts(at, seen, belief, seed))
-    kept = different(rough, _FINALISTS)
-    best = fine(at, seen, Starts(rough.poses[kept], rough.log_scales[kept])).poses[0]
+    best = fine(at, seen, promising(rough, _FINALISTS)).poses[0]
     return Pose(best, at.anatomy.frame, CAMERA)
 
 

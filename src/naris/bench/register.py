@@ -65,6 +65,7 @@ SOLVER = (
     "equations",
     "predictive",
     "rays",
+    "register",
     "smooth",
     "solve",
     "starts",
@@ -131,10 +132,12 @@ def of_trials(request: BenchRequest) -> list[Figure]:
         figures += _of(f"register.pose.b{suffix}", _run(request, f"pose b{suffix}", settings, "b", "pose"), "pose", "b")
         for noise in ("b", "c"):
             done = _run(request, f"three views {noise}{suffix}", settings, noise, "views3")
+            known[f"views3.{noise}{suffix}"] = done
             figures += _of(f"register.views3.{noise}{suffix}", done, "views3", noise)
     unsure = [one for noise in "bcd" for one in known[f"none.{noise}{OF_PATIENTS}"]]
     figures += of_confidence(unsure)
     figures += [of_covariance(noise, known[f"none.{noise}{OF_PATIENTS}"]) for noise in (*NOISES[1:], FREE_POINTS)]
+    figures += [of_covariance(f"views3.{noise}", known[f"views3.{noise}{OF_PATIENTS}"]) for noise in ("b", "c")]
     return [*figures, _solve_ms(sets[-1][1][0]), *_wrong_patients(request, sets[0][1])]
 
 
@@ -233,11 +236,14 @@ def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
     ]
 
 
-def of_covariance(noise: Noise, done: Sequence[Outcome]) -> Figure:
-    """How large the errors of right poses are beside what their covariances say: 1 if those are true."""
+def of_covariance(name: str, done: Sequence[Outcome]) -> Figure:
+    """How large the errors of right poses are, squared, beside what their covariances say: 1 if those are true.
+
+    Larger is worse than smaller, for it says too much.
+    """
     squares = [one.normalised for one in done if one.right and one.result.status == "registered"]
     value = float(np.mean(squares)) if squares else None
-    return Figure(f"register.covariance.{noise}.normalised", value, "1", len(squares), "lower")
+    return Figure(f"register.covariance.{name}.normalised", value, "1", len(squares), "lower")
 
 
 def _rate(name: str, wrong: Bool[np.ndarray, "n"], goal: float | None = None) -> Figure:

@@ -94,7 +94,7 @@ class Options:
     """How many modes the shape has at most: of the shape model (all when not given), or without one of a Gaussian
     process around ANATOMY, as naris anatomy sample draws from; 60 are usual."""
     seed: int = 0
-    """Of the starts beside poses that a model believes in."""
+    """Of the starts beside poses that a model believes in, and beside the best pose found."""
     out: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-o"], metavar="DIR")] = None
     """Folder for the result, a transform and landmarks for 3D Slicer, and pictures: new, empty, or an earlier one."""
 

@@ -24,7 +24,6 @@ def looks_of(
 ) -> dict[str, bytes]:
     """What the registered camera sees, and its walls drawn on what the real one saw; none for a refused pose.
 
-    See `look_of_refused` for that.
     Of a real picture also both in turn: an eye that sees them blink finds an error that no line shows.
     """
     from naris.register.look import blinking, overlay, png, seen_from

@@ -32,15 +32,21 @@ _LEAST_COSINE = 0.05
 _LOOSE_MM, _LOOSE_DEG = 1.5, 4.0
 _WITHIN_MM, _WITHIN_RAD = 2.0, np.deg2rad(5.0)
 _FARTHEST, _DEAR = 4.0, 20.0
+_MOST_MISFIT, _MOST_SPREAD = 2.7, 1.5  # in the trials; a line goes on for ever
+_HARDLY = 0.02  # of 128 trials that explained less than `_LEAST_EXPLAINED` none was right
+_SEED = 0  # of what is drawn: the same evidence for the same answer
 _DRAWS = 512
 
 
 class Found(NamedTuple):
-    """What a registration came to: the coarse `rough`, the fine `solutions`, those `again` begun beside the best."""
+    """What a registration came to: the coarse `rough`, the fine `solutions`, and which of these began `again`.
+
+    The latter began beside the best finalist; None where that was not asked for.
+    """
 
     rough: Solutions
     solutions: Solutions
-    again: Solutions
+    again: Solutions | None
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,7 @@ class Evidence:
         kinship: the correlation of the residuals of neighbours, 0 where each ray is off by itself: walls that are not
             the patient's are off together.
         excess: how much more the pose costs a ray, with the smooth error estimated, than noise as said would.
-        agreement: the share of what was begun beside the best pose that ended there.
+        agreement: the share of what was begun beside the best finalist that ended at the best pose.
         scatter: how far they ended from it, in what is asked (2 mm or 5°).
         astray: the same, those that are dearer counting less.
         dents: how much dearer they ended, in −2 log likelihood: costs are rough where walls are another patient's.
@@ -109,7 +115,8 @@ class Evidence:
         above = (solutions.costs[basins] - solutions.costs[0]) * solutions.rays
         pose, scale = solutions.poses[0], float(np.exp(solutions.log_scales[0]))
         fit = _fit(at, observation, pose, scale)
-        scatter, astray, dents = _astray(found.again, pose, float(solutions.costs[0]))
+        around = _around(found.again, pose, float(solutions.costs[0]))
+        rng = np.random.default_rng(_SEED)
         return Evidence(
             margin=float(above[1]) if len(above) > 1 else float("inf"),
             rough_margin=_rough_margin(found.rough, pose),
@@ -121,11 +128,11 @@ class Evidence:
             spread=fit.spread,
             kinship=fit.kinship,
             excess=float(solutions.costs[0]) - fit.expected,
-            agreement=float(alike(found.again.poses, pose, _SAME_MM, _SAME_RAD).mean()),
-            scatter=scatter,
-            astray=astray,
-            dents=dents,
-            surprise=surprise(at, observation, solutions) if observation.is_cloud else 0.0,
+            agreement=around.agreement,
+            scatter=around.scatter,
+            astray=around.astray,
+            dents=around.dents,
+            surprise=surprise(at, observation, solutions, rng) if observation.is_cloud else 0.0,
             cloud=observation.is_cloud,
             free=observation.scale.free,
             clearance_mm=float(at.distance(pose[:3, 3])),
@@ -136,6 +143,7 @@ class Evidence:
         """For the regression, each of the order of 1."""
         margin = min(self.margin, _MOST_MARGIN)
         log_margin = np.log1p(max(margin, 0.0))
+        explained, excess = 10 * (self.explained - 0.95), np.clip(self.excess, -0.5, 3.0)
         return np.array(
             [
                 log_margin,
@@ -144,9 +152,9 @@ class Evidence:
                 np.log(self.sd_mm + 0.01),
                 np.log(self.sd_deg + 0.1),
                 np.log(self.within / (1 - self.within)),
-                10 * (self.explained - 0.95),
-                np.log(max(self.misfit, 1e-3)),
-                np.clip(self.excess, -0.5, 3.0),
+                explained,
+                np.log(np.clip(self.misfit, 1e-3, _MOST_MISFIT)),
+                excess,
                 self.agreement,
                 np.log(self.astray + 0.05),
                 np.log(self.scatter + 0.05),
@@ -156,10 +164,12 @@ class Evidence:
                 # Beside a cloud, likelihoods are those of another model, and ranges from few points.
                 float(self.cloud),
                 float(self.cloud) * log_margin,
-                float(self.cloud) * 10 * np.log(max(self.spread, 1e-3)),
+                float(self.cloud) * 10 * np.log(np.clip(self.spread, 1e-3, _MOST_SPREAD)),
                 float(self.cloud) * 10 * self.kinship,
-                np.clip(self.surprise, -10.0, 60.0) / 10,
+                np.clip(self.surprise, -10.0, 0.0) / 10,
                 np.log1p(max(self.surprise, 0.0)),
+                float(self.cloud) * explained,
+                float(self.cloud) * excess,
             ]
         )
 
@@ -173,7 +183,7 @@ class Evidence:
         if chance >= least:
             return None
         if self.margin < 6.0:
-            return f"several places fit alike (probability {chance:.2f}): give another view, or more of them"
+            return f"several poses fit alike (probability {chance:.2f}): give another view, or more of them"
         if self.sd_mm > _LOOSE_MM or self.sd_deg > _LOOSE_DEG:
             return (
                 f"the view leaves the pose loose, see its deviations (probability {chance:.2f}): "
@@ -185,7 +195,8 @@ class Evidence:
 def probability(evidence: Evidence) -> float:
     """Of being within 2 mm and 5° of the truth, in an anatomy and with noise as in the simulated trials."""
     weights, bias = _fitted()
-    return float(1 / (1 + np.exp(-np.clip(evidence.features @ weights + bias, -30, 30))))
+    chance = float(1 / (1 + np.exp(-np.clip(evidence.features @ weights + bias, -30, 30))))
+    return min(chance, _HARDLY) if evidence.explained < _LEAST_EXPLAINED else chance
 
 
 def covariance_factor(observation: Observation) -> float:
@@ -193,7 +204,7 @@ def covariance_factor(observation: Observation) -> float:
 
     The equations know nothing of dents in the costs, and take what a smooth error leaves out for noise of each ray.
     """
-    factors = _told()["covariance"]
+    factors = _file()["covariance"]
     if observation.is_cloud:
         return float(factors["points"])
     return float(factors["depth" if observation.views == 1 else "several"])
@@ -209,15 +220,34 @@ def chance_within(covariance: Float[np.ndarray, "6 6"]) -> float:
     return float((is_within.sum() + 0.5) / (_DRAWS + 1))
 
 
-def _astray(again: Solutions, pose: Float[np.ndarray, "4 4"], cost: float) -> tuple[float, float, float]:
-    """How far they ended from it, the root of the mean square, without and with weights; and how much dearer."""
+class _Around(NamedTuple):
+    """See `Evidence`."""
+
+    agreement: float
+    scatter: float
+    astray: float
+    dents: float
+
+
+_NOT_TRIED = _Around(0.9, 0.2, 0.06, 3.0)
+"""What it is in the middle of the trials: speaks neither for nor against."""
+
+
+def _around(again: Solutions | None, pose: Float[np.ndarray, "4 4"], cost: float) -> _Around:
+    """Of those that began beside the best; the roots of the mean square of how far they ended from it."""
+    if again is None:
+        return _NOT_TRIED
     off_mm = np.linalg.norm(again.poses[:, :3, 3] - pose[:3, 3], axis=1)
     cosine = (np.einsum("nij,ij->n", again.poses[:, :3, :3], pose[:3, :3]) - 1) / 2
     off = np.maximum(off_mm / _WITHIN_MM, np.arccos(np.clip(cosine, -1, 1)) / _WITHIN_RAD)
     dearer = (again.costs - cost) * again.rays
     square = np.square(np.minimum(off, _FARTHEST))
-    weighted = square * np.exp(-dearer / _DEAR)
-    return float(np.sqrt(square.mean())), float(np.sqrt(weighted.mean())), float(max(np.median(dearer), 0.0))
+    return _Around(
+        float(alike(again.poses, pose, _SAME_MM, _SAME_RAD).mean()),
+        float(np.sqrt(square.mean())),
+        float(np.sqrt((square * np.exp(-dearer / _DEAR)).mean())),
+        float(max(np.median(dearer), 0.0)),
+    )
 
 
 def _rough_margin(rough: Solutions, pose: Float[np.ndarray, "4 4"]) -> float:
@@ -230,11 +260,11 @@ def _rough_margin(rough: Solutions, pose: Float[np.ndarray, "4 4"]) -> float:
 
 
 def _fitted() -> tuple[Float[np.ndarray, "f"], float]:
-    return np.array(_told()["weights"]), float(_told()["bias"])
+    return np.array(_file()["weights"]), float(_file()["bias"])
 
 
 @lru_cache(maxsize=1)
-def _told() -> dict[str, Any]:
+def _file() -> dict[str, Any]:
     return dict(json.loads(resources.files("naris.register").joinpath(FITTED).read_text(encoding="utf-8")))
 
 

@@ -30,7 +30,7 @@ _DARK = 8.0  # grey levels, added before the logarithm: noise is no contrast
 _FAINT, _CLEAR = 0.015, 0.08  # changes of the logarithm over a pixel: no edge, and surely one
 _SD_PX = 1.5
 _ALIKE = 0.2  # edges beside each other are off together: each tells as much as a fifth of one alone
-_TOLD = 0.25  # what the edges tell of the covariance: with all of it errors were three times too large, squared
+_IN_COVARIANCE = 0.25  # of what the edges tell: with all of it errors were three times too large, squared
 _NEARER = 0.5  # the share of the distance that may be left: edges of another place come less near
 _LONGEST_MM, _LONGEST_RAD = 1.0, 0.1
 _NUDGE_MM = 1e-3
@@ -122,7 +122,7 @@ def sharpened(
         found,
         best=pose,
         anatomy_T_camera=None if found.anatomy_T_camera is None else pose,
-        covariance=np.linalg.inv(_TOLD * matrix + information),
+        covariance=np.linalg.inv(_IN_COVARIANCE * matrix + information),
     )
     by = (found.best.inverse() @ pose).log()
     return Sharpened(

@@ -17,7 +17,7 @@ JUMP = 0.12
 """Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
 _EDGE_RGB = (60, 255, 120)
 _REFUSED_RGB, _WARNING = (150, 20, 20), "REFUSED: the best guess, not to be used"
-_LEAST_WIDE, _HEAD, _FRAME = 240, 28, 6
+_LEAST_WIDE, _FRAMES, _HEADS = 240, 80, 5  # of the frame: how many go into the pair, and into the head
 _FAR_SHARE = 0.98
 _BLINK_MS = 600
 
@@ -59,12 +59,14 @@ def refused(
     picture: UInt8[np.ndarray, "h w 3"], rgb: UInt8[np.ndarray, "h w 3"], depth: Float[np.ndarray, "h w"]
 ) -> UInt8[np.ndarray, "k v 3"]:
     """The edges of a guess on the picture, beside what a camera there sees: framed and headed as what it is."""
-    larger = max(round(_LEAST_WIDE / picture.shape[1]), 1)
+    larger = -(-_LEAST_WIDE // picture.shape[1])
     pair = np.concatenate([overlay(picture, depth), rgb], axis=1).repeat(larger, axis=0).repeat(larger, axis=1)
-    framed = np.full((len(pair) + _HEAD + _FRAME, pair.shape[1] + 2 * _FRAME, 3), _REFUSED_RGB, np.uint8)
-    framed[_HEAD:-_FRAME, _FRAME:-_FRAME] = pair
+    side = pair.shape[1] // _FRAMES
+    head = _HEADS * side
+    framed = np.full((len(pair) + head + side, pair.shape[1] + 2 * side, 3), _REFUSED_RGB, np.uint8)
+    framed[head:-side, side:-side] = pair
     made = Image.fromarray(framed)
-    ImageDraw.Draw(made).text((_FRAME, _FRAME), _WARNING, fill=(255, 255, 255), font_size=_HEAD - 2 * _FRAME)
+    ImageDraw.Draw(made).text((side, side), _WARNING, fill=(255, 255, 255), font_size=head - 2 * side)
     return np.asarray(made)
 
 

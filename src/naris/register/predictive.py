@@ -21,20 +21,20 @@ _DRAWS = 3
 _LEAST = 0.01  # of the reach: no outlier lies in the camera
 
 
-def surprise(at: RegistrationMap, observation: Observation, solutions: Solutions) -> float:
+def surprise(at: RegistrationMap, observation: Observation, solutions: Solutions, rng: np.random.Generator) -> float:
     """How much more the points cost at the best pose than points that are drawn there, in −2 log likelihood over √N."""
     best = Starts(solutions.poses[:1], solutions.log_scales[:1])
-    rng = np.random.default_rng(0)
     drawn = [judged(at, drawn_again(at, observation, best, rng), best).costs[0] for _ in range(_DRAWS)]
-    return float((solutions.costs[0] - np.mean(drawn)) * np.sqrt(solutions.rays))
+    # Judged anew, for what solutions cost counts the belief in their region.
+    return float((judged(at, observation, best).costs[0] - np.mean(drawn)) * np.sqrt(solutions.rays))
 
 
-def drawn_again(at: RegistrationMap, observation: Observation, pose: Starts, rng: np.random.Generator) -> Observation:
+def drawn_again(at: RegistrationMap, observation: Observation, best: Starts, rng: np.random.Generator) -> Observation:
     """The wall along each point's ray with noise as said, and outliers; where the ray meets none, an outlier too."""
-    scale = float(np.exp(pose.log_scales[0]))
+    scale = float(np.exp(best.log_scales[0]))
     rays = prepared(at, observation, fine=False).rays
     memory = memory_for(rays)
-    cast(at.embree, rays, pose.poses[0], scale, memory)
+    cast(at.embree, rays, best.poses[0], scale, memory)
     real, n = rays.valid != 0, len(observation)
     met = memory.normal[:, real].any(axis=0)
     wall = np.abs(memory.hit[real]) / scale

@@ -31,9 +31,10 @@ class RegisterConfig:
     Attributes:
         starts: solved coarsely.
         finalists: solved finely, at most so many.
-        aside: begun again a little beside the best of them; half as many of points, which have fewer dents.
+        aside: begun again a little beside the best of them; half as many of points, which have fewer dents. The
+            probability was fitted with as many as by default.
         least_probability: a pose that is less likely than this to be within 2 mm and 5° is refused.
-        seed: of the starts beside believed poses.
+        seed: of the starts beside believed poses, and of those beside the best finalist.
         method: what the finalists are solved by: `naris` by rays and smooth error; of a known scale also `icp`, `imlp`
             or, with normals, `imlop` (`naris.register.likely_point`). Judged they are alike.
     """
@@ -44,6 +45,12 @@ class RegisterConfig:
     least_probability: float = 0.8
     seed: int = 0
     method: Literal["naris", "icp", "imlp", "imlop"] = "naris"
+
+    def __post_init__(self) -> None:
+        if min(self.starts, self.finalists) < 1 or self.aside < 0:
+            raise InputError(
+                "at least one start and one finalist, and none or more beside the best", f"{self}", "correct them"
+            )
 
 
 def register(
@@ -74,10 +81,10 @@ def register(
     starts = find_starts(at, observation, belief, config.starts, rng)
     rough = coarse(at, observation, starts)
     first = _finely(at, observation, promising(rough, config.finalists), belief, config)
-    count = config.aside // 2 if observation.is_cloud else config.aside
-    if not count:
-        return _chosen(at, observation, Found(rough, first, first), config)
-    again = _finely(at, observation, aside(first, count, rng), belief, config)
+    if not config.aside:
+        return _chosen(at, observation, Found(rough, first, None), config)
+    count = -(-config.aside // 2) if observation.is_cloud else config.aside
+    again = _finely(at, observation, aside(first, at.anatomy.frame, count, rng), belief, config)
     return _chosen(at, observation, Found(rough, merged(first, again), again), config)
 
 

@@ -26,7 +26,7 @@ BASIN_MM, BASIN_RAD = 2.0, 0.15
 _COARSE_OUTLIERS = 0.1
 _PROMISING, _PROMISING_POINTS, _FEW = 0.6, 0.8, 8  # the share of starts worth a second stage, never fewer than so many
 _SAME_MM, _SAME_RAD = 0.5, 0.07
-_BEHIND = 100.0  # in −2 log likelihood of the coarse rays: nothing that far behind was ever best in the end
+_BEHIND = 100.0  # in −2 log likelihood of the coarse rays: of 70 views each none was best that was so far behind
 _RIG = "rig"
 _ASIDE_MM, _ASIDE_RAD = 0.4, np.deg2rad(5.0)
 
@@ -119,14 +119,14 @@ def promising(rough: Solutions, most: int) -> Starts:
     return Starts(rough.poses[kept], rough.log_scales[kept])
 
 
-def aside(solutions: Solutions, count: int, rng: np.random.Generator) -> Starts:
-    """Starts a little beside the best solution.
+def aside(solutions: Solutions, frame: str, count: int, rng: np.random.Generator) -> Starts:
+    """Starts a little beside the best solution, in the frame of the anatomy.
 
     What a ray meets jumps where a wall hides another, so that a solution may rest in a dent of the costs; what begins
     beside it finds a deeper one there, or comes back.
     """
     twists = rng.standard_normal((count, 6)) * np.repeat([_ASIDE_MM, _ASIDE_RAD], 3)
-    moved = Pose(solutions.poses[0], _RIG, _RIG) @ Pose.exp(twists, _RIG, _RIG)
+    moved = Pose(solutions.poses[0], frame, _RIG) @ Pose.exp(twists, _RIG, _RIG)
     return Starts(np.array(moved.matrix), np.full(count, solutions.log_scales[0]))
 
 

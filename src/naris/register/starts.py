@@ -61,7 +61,7 @@ class Belief:
         poses: `anatomy_T_camera` (M,) to begin from as well.
         covariance: (M, 6, 6) of their twists in the camera (mm, rad).
         orientation: how the camera may be turned, for starts that are no poses.
-        only_poses: begin from the poses alone.
+        only_poses: begin from the poses alone, and then a little beside the best that they led to.
     """
 
     regions: RegionSet | None = None
