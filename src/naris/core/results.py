@@ -69,7 +69,8 @@ class Registration:
         scale: mm per unit of the observation.
         cost: −2 log likelihood, the mean over the rays.
         margin: how much more unlikely the best pose of another basin is, in −2 log likelihood.
-        covariance: (6, 6) of the twist in the camera (mm, rad), if the basin is right.
+        covariance: (6, 6) of the twist in the camera (mm, rad), if the basin is right; as large as errors of right
+            poses came to on simulated trials.
         alternatives: (M,) the best poses of other basins, best first.
     """
 
