@@ -19,8 +19,8 @@ from naris.register.equations import cast
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
 from naris.register.predictive import surprise
-from naris.register.rays import memory_for, prepared
-from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, alike
+from naris.register.rays import memory_for, prepared, ranges_met
+from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, alike, apart
 
 FITTED = "confidence.json"
 _MOST_MARGIN, _MOST_ROUGH = 60.0, 30.0
@@ -237,9 +237,8 @@ def _around(again: Solutions | None, pose: Float[np.ndarray, "4 4"], cost: float
     """Of those that began beside the best; the roots of the mean square of how far they ended from it."""
     if again is None:
         return _NOT_TRIED
-    off_mm = np.linalg.norm(again.poses[:, :3, 3] - pose[:3, 3], axis=1)
-    cosine = (np.einsum("nij,ij->n", again.poses[:, :3, :3], pose[:3, :3]) - 1) / 2
-    off = np.maximum(off_mm / _WITHIN_MM, np.arccos(np.clip(cosine, -1, 1)) / _WITHIN_RAD)
+    off_mm, off_rad = apart(again.poses, pose)
+    off = np.maximum(off_mm / _WITHIN_MM, off_rad / _WITHIN_RAD)
     dearer = (again.costs - cost) * again.rays
     square = np.square(np.minimum(off, _FARTHEST))
     return _Around(
@@ -284,8 +283,8 @@ def _fit(at: RegistrationMap, observation: Observation, pose: Float[np.ndarray, 
     memory = memory_for(rays)
     cast(at.embree, rays, pose, scale, memory)
     real = rays.valid != 0
-    met = memory.normal[:, real].any(axis=0)
-    wall = np.abs(memory.hit[real])
+    wall = ranges_met(rays, memory)
+    met = np.isfinite(wall)
     # A ray that leaves the anatomy is explained by no wall.
     cosine = np.where(met, np.maximum(-(memory.normal * memory.ray).sum(axis=0)[real], _LEAST_COSINE), 1.0)
     even = rays.isotropic[real] / cosine

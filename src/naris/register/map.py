@@ -16,7 +16,7 @@ from naris.errors import SurfaceError
 from naris.register.directions import texel_directions
 from naris.register.equations import cast
 from naris.register.map_file import MapArrays, map_file, read_map, write_map
-from naris.register.rays import memory_for, rays_of
+from naris.register.rays import memory_for, ranges_met, rays_of
 from naris.register.threads import spread
 from naris.render.embree import ARGUMENTS, PacketScene, library
 from naris.render.geometry import geometry_of
@@ -141,9 +141,7 @@ def _panoramas(embree: Embree, places_mm: Float[np.ndarray, "p 3"]) -> UInt8[np.
         for k in range(first, last):
             pose[:3, 3] = places_mm[k]
             cast(embree, rays, pose, 1.0, memory)
-            # A ray that leaves through an opening has no normal: there is no wall but far away.
-            met = memory.normal[:, :n].any(axis=0)
-            seen[k] = quantised(np.where(met, np.abs(memory.hit[:n]), np.inf))
+            seen[k] = quantised(ranges_met(rays, memory))
 
     spread(look, len(places_mm))
     return seen

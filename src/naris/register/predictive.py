@@ -13,7 +13,7 @@ import numpy as np
 from naris.register.equations import cast
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
-from naris.register.rays import REACH, memory_for, prepared
+from naris.register.rays import REACH, memory_for, prepared, ranges_met
 from naris.register.solve import Solutions, judged
 from naris.register.starts import Starts
 
@@ -35,10 +35,9 @@ def drawn_again(at: RegistrationMap, observation: Observation, best: Starts, rng
     rays = prepared(at, observation, fine=False).rays
     memory = memory_for(rays)
     cast(at.embree, rays, best.poses[0], scale, memory)
-    real, n = rays.valid != 0, len(observation)
-    met = memory.normal[:, real].any(axis=0)
-    wall = np.abs(memory.hit[real]) / scale
-    points = observation.directions * wall[:, None]
+    n, wall = len(observation), ranges_met(rays, memory) / scale
+    met = np.isfinite(wall)
+    points = observation.directions * np.where(met, wall, 0.0)[:, None]
     points += observation.isotropic[:, None] * rng.standard_normal((n, 3))
     is_outlier = (rng.random(n) < observation.outliers) | ~met
     reach = REACH * float(np.median(observation.ranges))

@@ -143,6 +143,15 @@ def memory_for(rays: Rays) -> Memory:
     return Memory(packet, np.zeros((3, n), np.float32), np.zeros(n, np.float32), np.zeros((3, n), np.float32))
 
 
+def ranges_met(rays: Rays, memory: Memory) -> Float[np.ndarray, "n"]:
+    """How far away the wall is that each ray met (mm), after `cast`; infinite where it left the anatomy.
+
+    Such a ray has no normal.
+    """
+    real = rays.valid != 0
+    return np.where(memory.normal[:, real].any(axis=0), np.abs(memory.hit[real]), np.inf)
+
+
 def _in_sixteens(first: int, last: int) -> np.ndarray:
     """Row numbers, filled up with −1."""
     count = -(-(last - first) // LANES) * LANES

@@ -165,6 +165,14 @@ def alike(
     poses: Float[np.ndarray, "n 4 4"], pose: Float[np.ndarray, "4 4"], apart_mm: float, apart_rad: float
 ) -> Bool[np.ndarray, "n"]:
     """Which of them are within both distances of a pose."""
+    off_mm, off_rad = apart(poses, pose)
+    return np.asarray((off_mm <= apart_mm) & (off_rad <= apart_rad))
+
+
+def apart(
+    poses: Float[np.ndarray, "n 4 4"], pose: Float[np.ndarray, "4 4"]
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """How far each of them lies from a pose (mm), and by how much it is turned (rad)."""
     off_mm = np.linalg.norm(poses[:, :3, 3] - pose[:3, 3], axis=1)
     cosine = (np.einsum("nij,ij->n", poses[:, :3, :3], pose[:3, :3]) - 1) / 2
-    return np.asarray((off_mm <= apart_mm) & (cosine >= np.cos(apart_rad)))
+    return off_mm, np.arccos(np.clip(cosine, -1, 1))

@@ -19,7 +19,7 @@ from naris.register.directions import rotations, texels
 from naris.register.equations import cast
 from naris.register.map import TEXELS, RegistrationMap, factor_of, quantised, steps_of
 from naris.register.observation import Observation
-from naris.register.rays import memory_for, rays_of
+from naris.register.rays import memory_for, ranges_met, rays_of
 from naris.register.threads import spread
 
 _LOOKED_AT = 49
@@ -180,9 +180,10 @@ def _scales_at(
     )
     for k, pose in enumerate(poses):
         cast(at.embree, rays, pose, 1.0, memory)
-        met = memory.normal[:, :n].any(axis=0)
+        wall = ranges_met(rays, memory)
+        met = np.isfinite(wall)
         if met.any():
-            ratio = np.log(np.abs(memory.hit[:n][met]) / few.ranges[met])
+            ratio = np.log(wall[met] / few.ranges[met])
             logs[k] = np.clip(np.median(ratio), *reach)
     return logs
 
