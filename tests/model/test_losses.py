@@ -10,8 +10,9 @@ from torch.distributions import MultivariateNormal
 from torch.nn import functional
 
 from naris.core.pose import Pose
-from naris.model.compact import Compact, CompactConfig, patches
+from naris.model.compact import Compact, CompactConfig
 from naris.model.losses import Targets, compact_loss, covariance_of, gaussian_nll, twist_to
+from naris.model.residual import patches
 
 TINY = CompactConfig(input_px=16, channels=(8, 16), blocks=(1, 1), reduced=4, embedding=12, hypotheses=2)
 MEAN, SCALE = torch.tensor([1.0, -5.0, 2.0]), torch.tensor([4.0, 20.0, 8.0])

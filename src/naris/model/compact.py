@@ -17,16 +17,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from naris.errors import InputError
+from naris.model.residual import PATCH, Block, patches
 from naris.model.rotation import matrix_of_six
-from naris.model.small_maps import conv3x3
 
 COMPACT = "compact"
 TWIST = 6
 _TRIANGLE = TWIST * (TWIST + 1) // 2
 _NUMBERS = 1 + 3 + 6 + _TRIANGLE  # of one hypothesis: its weight, position, rotation, covariance factor
-_PATCH = 4  # edge of the patches of pixels that the first convolution sees as one
-_SMALL = 4  # pixels across, up to which `conv3x3` is quicker than torch
-_DARKEST = 4.0  # grey levels added to the contrast, so that a black picture is not blown up to noise
 _UNIT = (6.0, 6.0, 6.0, 0.3, 0.3, 0.3)  # mm and rad: errors before training, so that it starts with a fair claim
 
 
@@ -54,10 +51,10 @@ class CompactConfig:
     hypotheses: int = 3
 
     def __post_init__(self) -> None:
-        least = 2 * _PATCH * 2 ** (len(self.blocks) - 1)
-        if len(self.channels) != len(self.blocks) or self.input_px < least or self.input_px % _PATCH:
+        least = 2 * PATCH * 2 ** (len(self.blocks) - 1)
+        if len(self.channels) != len(self.blocks) or self.input_px < least or self.input_px % PATCH:
             raise InputError(
-                f"as many channels as blocks and an input of at least {least} pixels, a multiple of {_PATCH}",
+                f"as many channels as blocks and an input of at least {least} pixels, a multiple of {PATCH}",
                 f"channels {self.channels}, blocks {self.blocks}, {self.input_px} px",
                 "correct the network configuration",
             )
@@ -85,39 +82,6 @@ class CompactOutput(NamedTuple):
     factor: Float[Tensor, "b m 6 6"]
 
 
-class _Conv(nn.Conv2d):
-    """A 3×3 convolution that takes the way that is quicker for its map; the weights are torch's."""
-
-    def __init__(self, inputs: int, outputs: int, stride: int = 1) -> None:
-        super().__init__(inputs, outputs, 3, stride, 1, bias=False)
-
-    def forward(self, input: Tensor) -> Tensor:
-        across = -(-input.shape[-1] // self.stride[0])
-        if self.training and across <= _SMALL:
-            return conv3x3(input, self.weight, self.stride[0])
-        return super().forward(input)
-
-
-class _Block(nn.Module):
-    """Two 3×3 convolutions and a way around them."""
-
-    def __init__(self, inputs: int, outputs: int, stride: int) -> None:
-        super().__init__()
-        self.conv1 = _Conv(inputs, outputs, stride)
-        self.norm1 = nn.BatchNorm2d(outputs)
-        self.conv2 = _Conv(outputs, outputs)
-        self.norm2 = nn.BatchNorm2d(outputs)
-        nn.init.zeros_(self.norm2.weight)  # a block starts as the identity: deeper nets start as easily as shallow ones
-        self.around: nn.Module = nn.Identity()
-        if stride != 1 or inputs != outputs:
-            shrink = nn.AvgPool2d(stride, ceil_mode=True) if stride != 1 else nn.Identity()
-            self.around = nn.Sequential(shrink, nn.Conv2d(inputs, outputs, 1, bias=False), nn.BatchNorm2d(outputs))
-
-    def forward(self, x: Tensor) -> Tensor:
-        through = self.norm2(self.conv2(functional.relu(self.norm1(self.conv1(x)))))
-        return functional.relu(through + self.around(x))
-
-
 class Compact(nn.Module):
     """The network; `position_mean_mm` and `position_scale_mm` are buffers, set from the training poses.
 
@@ -133,15 +97,13 @@ class Compact(nn.Module):
         super().__init__()
         self.config = config
         first = config.channels[0]
-        self.stem = nn.Sequential(
-            nn.Conv2d(3 * _PATCH**2, first, 3, 1, 1, bias=False), nn.BatchNorm2d(first), nn.ReLU()
-        )
+        self.stem = nn.Sequential(nn.Conv2d(3 * PATCH**2, first, 3, 1, 1, bias=False), nn.BatchNorm2d(first), nn.ReLU())
         stages: list[nn.Module] = []
-        inputs, edge = first, config.input_px // _PATCH
+        inputs, edge = first, config.input_px // PATCH
         for stage, (outputs, count) in enumerate(zip(config.channels, config.blocks, strict=True)):
             for block in range(count):
                 stride = 2 if stage and not block else 1
-                stages.append(_Block(inputs, outputs, stride))
+                stages.append(Block(inputs, outputs, stride))
                 inputs, edge = outputs, -(-edge // stride)
         self.stages = nn.Sequential(*stages)
         self.reduce = nn.Sequential(
@@ -189,24 +151,6 @@ class Compact(nn.Module):
                 matrix_of_six(six),
                 _factor(triangle),
             )
-
-
-def patches(images: Shaped[Tensor, "b h w 3"]) -> Float[Tensor, "b 48 i j"]:
-    """The standardised 4×4 pixels of each patch side by side as channels, in the order (row, column, colour).
-
-    Each colour of each picture has mean 0 and deviation about 1: what gain and tint were, the network cannot see. A
-    convolution over a map of a quarter of the edge with many channels costs a fifth of one over pixels.
-    """
-    batch, height, width, colours = images.shape
-    rows, across = height // _PATCH, width // _PATCH
-    cut = images.reshape(batch, rows, _PATCH, across, _PATCH, colours).transpose(2, 3)
-    flat = cut.reshape(batch, rows * across, _PATCH**2 * colours).to(torch.float32)
-    # Long rows first, colours last: sums and products over three numbers at a time are slow.
-    mean = flat.mean(dim=1).view(batch, -1, colours).mean(dim=1)
-    square = flat.square().mean(dim=1).view(batch, -1, colours).mean(dim=1)
-    scale = 1 / ((square - mean * mean).clamp_min(0).sqrt() + _DARKEST)
-    scale, shift = (row.repeat(1, _PATCH**2)[:, None] for row in (scale, -mean * scale))
-    return torch.addcmul(shift, flat, scale).view(batch, rows, across, -1).permute(0, 3, 1, 2)
 
 
 def _factor(triangle: Float[Tensor, "b m t"]) -> Float[Tensor, "b m 6 6"]:
