@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
 
 import naris
 from naris.anatomy.builtin.variation import virtual_patient
@@ -31,6 +30,7 @@ from naris.bench.register import solver_digest
 from naris.bench.trials import FREE_POINTS, NOISES, Trial, drawn_trials, neighbours_of
 from naris.core.atomic import write_json
 from naris.core.pose import distance
+from naris.evaluate.logistic import fit_logistic
 from naris.evaluate.score import normalised_square, reliability
 from naris.register import confidence
 from naris.register import register as registration
@@ -88,7 +88,7 @@ def main(part: int = 0, parts: int = 1) -> None:
     of, kind, features, right, normalised = (np.array(column) for column in zip(*done, strict=True))
     x, y, w = features, right.astype(float), np.array([WEIGHTS[one] for one in kind])
     _tell_left_out(of, kind, x, y, w)
-    weights, bias = _fitted(x, y, w)
+    weights, bias = fit_logistic(x, y, w, RIDGE)
     write_json(
         OUT,
         {
@@ -160,7 +160,7 @@ def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarra
     said = np.zeros(len(y))
     for group in range(_GROUPS):
         left_out = of % _GROUPS == group
-        weights, bias = _fitted(x[~left_out], y[~left_out], w[~left_out])
+        weights, bias = fit_logistic(x[~left_out], y[~left_out], w[~left_out], RIDGE)
         said[left_out] = 1 / (1 + np.exp(-(x[left_out] @ weights + bias)))
     final = np.isin(kind, ["none b", "none c", "none d"])
     others = sorted({one for one in kind.tolist() if one.startswith("other")})
@@ -184,23 +184,6 @@ def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarra
 def _of_covariance(kind: np.ndarray, right: np.ndarray, normalised: np.ndarray) -> dict[str, float]:
     """By what is seen: the mean square of the errors of right poses over their covariances by the equations."""
     return {seen: float(np.mean(normalised[right & np.isin(kind, kinds)])) for seen, kinds in _OF_COVARIANCE.items()}
-
-
-def _fitted(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
-    """On standardised features, told for those as they come."""
-    middle, size = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
-    z = np.column_stack([(x - middle) / size, np.ones(len(x))])
-
-    def loss(beta: np.ndarray) -> tuple[float, np.ndarray]:
-        s = z @ beta
-        value = w @ (np.logaddexp(0, s) - y * s) / w.sum() + 0.5 * RIDGE * beta[:-1] @ beta[:-1]
-        slope = z.T @ (w * (1 / (1 + np.exp(-s)) - y)) / w.sum()
-        slope[:-1] += RIDGE * beta[:-1]
-        return float(value), slope
-
-    beta = minimize(loss, np.zeros(z.shape[1]), jac=True, method="L-BFGS-B").x
-    weights = beta[:-1] / size
-    return weights, float(beta[-1] - weights @ middle)
 
 
 if __name__ == "__main__":

@@ -271,3 +271,11 @@ def normalised_square(best: Pose, truth: Pose, covariance: Float[np.ndarray, "6 
     """
     twist = (best.inverse() @ truth).log()
     return float(twist @ np.linalg.solve(covariance, twist)) / len(twist)
+
+
+def auroc(score: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]) -> float | None:
+    """The chance that a right one scores higher than a wrong one (Mann and Whitney 1947)."""
+    if right.all() or not right.any():
+        return None
+    above = score[right][:, None] - score[~right][None]
+    return float((above > 0).mean() + 0.5 * (above == 0).mean())

@@ -20,7 +20,7 @@ from naris.model.checkpoint import Checkpoint, Subject, Tensors
 from naris.model.compact import Compact
 from naris.model.localizer import build, config_json, load_weights, name_of, weights_of
 from naris.model.losses import Losses, Targets, compact_loss
-from naris.train.config import TrainConfig
+from naris.train.config import Precision, TrainConfig
 from naris.train.data import Lesson
 from naris.train.optimiser import Optimiser
 
@@ -35,8 +35,11 @@ _NETWORK, _AVERAGE, _OPTIMISER = "network.", "average.", "optimiser."
 
 def rate(config: TrainConfig, done: float) -> float:
     """The learning rate as a share of the highest, at a share `done` (0…1) of the training."""
-    if not config.adam.cycle:
-        return 1.0
+    return cycle(done) if config.adam.cycle else 1.0
+
+
+def cycle(done: float) -> float:
+    """A rate that rises over the first sixth and falls along a cosine (L. Smith 2018), as a share of the highest."""
     if done < _WARM:
         return _FIRST + (1 - _FIRST) * done / _WARM
     fall = (1 + np.cos(np.pi * min((done - _WARM) / (1 - _WARM), 1.0))) / 2
@@ -45,8 +48,13 @@ def rate(config: TrainConfig, done: float) -> float:
 
 def resolved_precision(config: TrainConfig) -> str:
     """`float32` or `bfloat16`: the latter where asked, or for `auto` where the processor computes in it."""
-    if config.precision != "auto":
-        return config.precision
+    return resolved(config.precision)
+
+
+def resolved(precision: Precision) -> str:
+    """As `resolved_precision`."""
+    if precision != "auto":
+        return precision
     checks = [getattr(torch.cpu, name, None) for name in ("_is_avx512_bf16_supported", "_is_amx_tile_supported")]
     return "bfloat16" if any(check is not None and check() for check in checks) else "float32"
 

@@ -8,7 +8,7 @@ common ones. The compact network reaches in half of the steps what Adam reaches,
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -16,12 +16,29 @@ from jaxtyping import Float, Shaped
 from torch import Tensor, nn
 
 from naris.model.checkpoint import Tensors
-from naris.model.compact import Compact
-from naris.train.config import TrainConfig
+from naris.train.config import Adam, Muon
 
 _QUINTIC = (3.4445, -4.7750, 2.0315)  # of Jordan et al.: takes singular values of 0…1 to about 1 in five steps
 _TURNS = 5
 _RMS = 0.2  # root mean square of an update at learning rate 1, as Adam's are (J. Liu et al. 2025, equation 4)
+
+
+@runtime_checkable
+class Rates(Protocol):
+    """Settings of a training, of which the optimisers read these."""
+
+    @property
+    def adam(self) -> Adam: ...
+
+    @property
+    def muon(self) -> Muon | None: ...
+
+
+@runtime_checkable
+class Deep(Protocol):
+    """A network that tells which of its weights Muon is for."""
+
+    def inner_weights(self) -> list[Tensor]: ...
 
 
 class Optimiser:
@@ -33,9 +50,9 @@ class Optimiser:
         precision: that the products inside Muon are computed in, `float32` or `bfloat16`.
     """
 
-    def __init__(self, network: nn.Module, config: TrainConfig, precision: str) -> None:
+    def __init__(self, network: nn.Module, config: Rates, precision: str) -> None:
         kind = torch.optim.AdamW if config.adam.decoupled else torch.optim.Adam
-        inner = network.inner_weights() if config.muon is not None and isinstance(network, Compact) else []
+        inner = network.inner_weights() if config.muon is not None and isinstance(network, Deep) else []
         inner = [weight for weight in inner if weight.requires_grad]
         known = {id(weight) for weight in inner}
         outer = [weight for weight in network.parameters() if weight.requires_grad and id(weight) not in known]
@@ -123,7 +140,7 @@ def orthogonal(matrix: Float[Tensor, "n m"]) -> Float[Tensor, "n m"]:
     return x.mT if matrix.shape[0] > matrix.shape[1] else x
 
 
-def _groups(weights: Sequence[Tensor], config: TrainConfig) -> list[dict[str, Any]]:
+def _groups(weights: Sequence[Tensor], config: Rates) -> list[dict[str, Any]]:
     """Decoupled decay leaves norms and biases alone; the published L2 is on everything, as torch's Adam does."""
     decay = config.adam.weight_decay
     if not config.adam.decoupled:
