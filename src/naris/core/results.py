@@ -57,6 +57,27 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
+class DepthEstimate:
+    """How far away a network believes the walls of a picture to be.
+
+    Attributes:
+        rays: (H, W, 3) unit, in the camera.
+        ranges_mm: (H, W) along them; NaN where the picture shows nothing.
+        sd_log: (H, W) standard deviation of the logarithm of each range by itself.
+        smooth: that of a relative error that varies slowly over the picture.
+        reach_deg: how far it stays alike: the angle at which its correlation has fallen to exp(−1/2).
+        scale_sd_log: standard deviation of the logarithm of a factor on all of them.
+    """
+
+    rays: Float[np.ndarray, "h w 3"]
+    ranges_mm: Float[np.ndarray, "h w"]
+    sd_log: Float[np.ndarray, "h w"]
+    smooth: float
+    reach_deg: float
+    scale_sd_log: float
+
+
+@dataclass(frozen=True, eq=False)
 class Registration:
     """What a registration came to.
 
