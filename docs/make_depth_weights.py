@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.bench.chain_patient import FRAME_PX, frames
-from naris.bench.trials import CAMERA_OF_TRIALS, drawn_trials
+from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, drawn_trials, frames
 from naris.cli.console import console_for
 from naris.core.atomic import write_json, write_text
 from naris.core.camera import Intrinsics

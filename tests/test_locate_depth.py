@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from naris.bench.chain_patient import FRAME_PX, frames
-from naris.bench.trials import CAMERA_OF_TRIALS, drawn_trials
+from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, drawn_trials, frames
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Brown, Fisheye, Intrinsics
 from naris.errors import CheckpointError, ImageError

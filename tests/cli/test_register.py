@@ -184,7 +184,7 @@ def test_another_method_can_be_chosen(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "one of --depth, --rig and --cloud"),
+        ([], "one of --depth, --rig and --cloud, or a --frame with its --intrinsics"),
         (["--depth", "{seen}/depth.npy", "--cloud", "{seen}/points.txt"], "got --depth and --cloud"),
         (["--rig", "{seen}/rig.json"], "--intrinsics only with --depth"),
         (["--depth", "{seen}/depth.npy", "--view", "a"], "--view only with --cloud FOLDER"),
@@ -351,3 +351,68 @@ def test_edges_of_the_frame_may_move_the_pose(
         assert told["anatomy_T_camera"] == without["anatomy_T_camera"]
     assert main([*given, "--contours"]) == 2
     assert "--frame with --contours" in capfd.readouterr().err
+
+
+def test_a_picture_alone_gives_a_pose_or_an_honest_no(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Of one colour it shows nothing, and nothing that looks like an answer is kept."""
+    status = main(words(tube, seen, "--frame", str(seen / "frame.png"), "-o", str(tmp_path / "plain"), "--json"))
+    told = json.loads(capfd.readouterr().out)
+    assert (status, told["status"], told["picture_alone"]) == (1, "refused", True)
+    assert sorted(path.name for path in (tmp_path / "plain").iterdir()) == ["refused.png", "registration.json"]
+    rgb = render(Scene(load_anatomy(str(tube))), Pose(np.load(seen / "truth.npy"), "LPS", "camera"), CAMERA).rgb
+    Image.fromarray(rgb[0]).save(tmp_path / "shot.png")
+    out = tmp_path / "shot"
+    status = main(
+        words(tube, seen, "--frame", str(tmp_path / "shot.png"), "-o", str(out), "--probability", "0", "--json")
+    )
+    told = json.loads(capfd.readouterr().out)
+    assert (status, told["status"], told["scale_kind"]) == (0, "registered", "prior")
+    assert told["files"] == [str(out / name) for name in sorted_files(out)]
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        (["--noise", "0.2"], "only with --depth, --rig or --cloud"),
+        (["--scale", "known"], "--scale unknown, or none, with a --frame alone"),
+        (["--shading"], "beside --depth, --rig or --cloud"),
+        (["--modes", "5"], "one of --depth, --rig and --cloud with a shape"),
+        (["--method", "icp"], "--method"),
+    ],
+)
+def test_what_does_not_go_with_a_picture_alone_is_refused(
+    tube: Path, seen: Path, more: list[str], expected: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words(tube, seen, "--frame", str(seen / "frame.png"), *more)) == 2
+    assert expected in capfd.readouterr().err
+
+
+def test_a_picture_alone_needs_its_camera(tube: Path, seen: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["register", str(tube), "--frame", str(seen / "frame.png"), "--quiet"]) == 2
+    assert "--intrinsics with a --frame alone" in capfd.readouterr().err
+
+
+def test_shading_moves_a_pose_by_the_frame(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    rgb = render(Scene(load_anatomy(str(tube))), Pose(np.load(seen / "truth.npy"), "LPS", "camera"), CAMERA).rgb
+    Image.fromarray(rgb[0]).save(tmp_path / "shot.png")
+    given = [
+        "--depth",
+        str(seen / "depth.npy"),
+        "--frame",
+        str(tmp_path / "shot.png"),
+        "--shading",
+        "--probability",
+        "0",
+    ]
+    assert main(words(tube, seen, *given, "--json")) == 0
+    shading = json.loads(capfd.readouterr().out)["shading"]
+    assert shading["used"]
+    assert shading["moved_mm"] < 2.0
+    assert main(words(tube, seen, *given)) == 0
+    assert "by the shading of the frame: moved by" in capfd.readouterr().out
+    assert main(words(tube, seen, *given, "--contours")) == 2
+    assert "one of --contours and --shading" in capfd.readouterr().err

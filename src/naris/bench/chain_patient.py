@@ -19,7 +19,7 @@ from naris.bench.chain_record import Fit, FrameRecord, Outcome, PatientRecord, r
 from naris.bench.in_our_place import OURS, Solver, solver_of
 from naris.bench.point_peers import PEERS
 from naris.bench.register import FROM_POSE
-from naris.bench.trials import CAMERA_OF_TRIALS, Noise, Trial, drawn_trials
+from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, Noise, Trial, drawn_trials, frames
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.pose import Pose, distance, stack
 from naris.core.progress import Progress
@@ -36,8 +36,7 @@ from naris.register.map import RegistrationMap, registration_map
 from naris.register.observation import Observation
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, Belief, in_region, near, of_prediction
-from naris.render.appearance import UNSEEN_APPEARANCE
-from naris.render.scene import Scene, render
+from naris.render.scene import Scene
 from naris.render.viewpoints import ViewDistribution
 from naris.train import COMPACT_DEMO, PUBLISHED, TrainConfig, TrainingRun, train
 
@@ -64,7 +63,6 @@ AS_THE_TRIALS = ViewDistribution(
 SAME_STARTS = (OURS, *PEERS)
 """Solvers from the same few starts, told the whole prediction."""
 
-FRAME_PX = 300
 _PATIENTS = 4_000_000  # seeds apart from those of the confidence and of the other trials
 _AT_TRUTH = np.diag([0.1**2] * 3 + [0.01**2] * 3)
 
@@ -185,16 +183,6 @@ def _compact(stream: ViewStream, steps: int, folder: Path, progress: Progress) -
 
 def _trained(stream: ViewStream, config: TrainConfig, key: str, folder: Path, progress: Progress) -> TrainingRun:
     return train(stream, config, folder / key, progress=progress, task=f"{folder.name}: {key}")
-
-
-def frames(anatomy: Anatomy, trials: Sequence[Trial], seed: int) -> UInt8[np.ndarray, "n h w 3"]:
-    """What the camera of each trial sees, under looks that no training had."""
-    rng = np.random.default_rng([seed, 8])
-    looks = [UNSEEN_APPEARANCE.sample(rng) for _ in trials]
-    seeds = rng.integers(2**31, size=len(trials))
-    poses = stack([trial.anatomy_T_camera for trial in trials])
-    camera = CAMERA_OF_TRIALS.resized(FRAME_PX, FRAME_PX)
-    return cast(np.ndarray, render(Scene(anatomy), poses, camera, looks, want=("rgb",), seeds=seeds).rgb)
 
 
 def _looked_at(trial: Trial, image: UInt8[np.ndarray, "h w 3"], localizers: Mapping[str, Localizer]) -> Seen:

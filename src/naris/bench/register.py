@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.bench import BenchRequest, Measurement, cissticp, contours, deformable, peer_trials
+from naris.bench import BenchRequest, Measurement, cissticp, contours, deformable, peer_trials, pictures
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
     FREE_POINTS,
@@ -35,7 +35,7 @@ from naris.bench.trials import (
 from naris.core.pose import CAMERA, Pose, distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
-from naris.evaluate.score import normalised_square, reliability
+from naris.evaluate.score import auroc, normalised_square, reliability
 from naris.register.confidence import FITTED
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.observation import Observation, together
@@ -104,7 +104,8 @@ class Setting:
 
 
 def measure(request: BenchRequest) -> Measurement:
-    """All figures, or those of a part: trials, the runs of cisstICP, peers in our solver's place, shapes, contours."""
+    """All figures, or those of a part: trials, the runs of cisstICP, peers in our solver's place, shapes, contours,
+    pictures alone."""
     figures = of_trials(request) if request.wants("trials") else []
     if request.wants("cissticp"):
         figures += cissticp.figures(request)
@@ -114,6 +115,8 @@ def measure(request: BenchRequest) -> Measurement:
         figures += deformable.figures(request)
     if request.wants("contours"):
         figures += contours.figures(request)
+    if request.wants("pictures"):
+        figures += pictures.figures(request)
     return Measurement(tuple(figures), _inputs(request))
 
 
@@ -222,11 +225,11 @@ def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
     right = np.array([one.right for one in done])
     said = np.array([one.result.probability for one in done])
     base, n = "register.confidence", len(done)
-    auroc = _auroc(said, right)
+    above = auroc(said, right)
     order = np.argsort(-said, kind="stable")
     taken = order[: round(0.8 * n)]
     return [
-        Figure(f"{base}.auroc", auroc, "1", n if auroc is not None else 0, "higher", 0.97),
+        Figure(f"{base}.auroc", above, "1", n if above is not None else 0, "higher", 0.97),
         _rate(f"{base}.false_accept_at_80", ~right[taken], 0.01),
         Figure(f"{base}.ece", reliability(said, right).ece, "1", n, "lower", 0.03),
         Figure(
@@ -251,14 +254,6 @@ def _rate(name: str, wrong: Bool[np.ndarray, "n"], goal: float | None = None) ->
     n, count = len(wrong), int(wrong.sum())
     value = count / n if n else None
     return Figure(name, value, "1", n, "lower", goal, wilson(count, n) if n else None)
-
-
-def _auroc(score: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]) -> float | None:
-    """The chance that a right one scores higher than a wrong one (Mann and Whitney 1947)."""
-    if right.all() or not right.any():
-        return None
-    above = score[right][:, None] - score[~right][None]
-    return float((above > 0).mean() + 0.5 * (above == 0).mean())
 
 
 def _solve_ms(setting: Setting) -> Figure:
@@ -314,10 +309,10 @@ def _warm_up(setting: Setting) -> None:
         register(at, setting.trials[0].observation(noise))
 
 
-def solver_digest() -> str:
-    """Of the sources that decide where a registration ends and what speaks for it."""
+def solver_digest(more: tuple[str, ...] = ()) -> str:
+    """Of the sources that decide where a registration ends and what speaks for it, and of some more."""
     room = resources.files("naris.register")
-    content = b"".join(room.joinpath(f"{name}.py").read_bytes() for name in SOLVER)
+    content = b"".join(room.joinpath(f"{name}.py").read_bytes() for name in (*SOLVER, *more))
     return hashlib.sha256(content).hexdigest()[:12]
 
 

@@ -10,23 +10,24 @@ e: d times the scale of c.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 from scipy.ndimage import gaussian_filter
 
 from naris.anatomy.distance import signed_distance
 from naris.anatomy.read import read_surface
 from naris.core.anatomy import Anatomy, Enclosed
 from naris.core.camera import Intrinsics
-from naris.core.pose import CAMERA, Pose
+from naris.core.pose import CAMERA, Pose, stack
 from naris.register.directions import rotations
 from naris.register.map import registration_map
 from naris.register.observation import KNOWN, UNKNOWN, DepthNoise, Observation, PointNoise, from_points, from_ranges
+from naris.render.appearance import UNSEEN_APPEARANCE
 from naris.render.scene import Scene, render
 from naris.render.viewpoints import sees_ahead
 
@@ -36,6 +37,7 @@ NOISES: tuple[Noise, ...] = ("a", "b", "c", "d")
 FREE_POINTS: Noise = "e"
 PIXELS, FOV_DEG = 64, 80.0
 CAMERA_OF_TRIALS = Intrinsics.from_vertical_fov(PIXELS, PIXELS, FOV_DEG)
+FRAME_PX = 300
 _ROOM_MM, _TILT_DEG, _ROLL_DEG = 1.0, 90.0, 30.0
 _LEAST_DEPTH_MM = 3.0  # that of the frozen trials: of a nearer wall one sees nothing but wall
 _SMOOTH, _SMOOTH_PX, _PIXEL_MM = 0.05, 5.25, 0.3
@@ -132,6 +134,16 @@ def neighbours_of(anatomy: Anatomy, trial: Trial, count: int, seed: int) -> tupl
     rig_T_camera = Pose.exp(np.array(steps), CAMERA, CAMERA)
     rest = list(_trials(anatomy, trial.anatomy_T_camera @ rig_T_camera[1:], rng))
     return [trial, *rest], rig_T_camera
+
+
+def frames(anatomy: Anatomy, trials: Sequence[Trial], seed: int) -> UInt8[np.ndarray, "n h w 3"]:
+    """What the camera of each trial sees, under looks that no training had."""
+    rng = np.random.default_rng([seed, 8])
+    looks = [UNSEEN_APPEARANCE.sample(rng) for _ in trials]
+    seeds = rng.integers(2**31, size=len(trials))
+    poses = stack([trial.anatomy_T_camera for trial in trials])
+    camera = CAMERA_OF_TRIALS.resized(FRAME_PX, FRAME_PX)
+    return cast(np.ndarray, render(Scene(anatomy), poses, camera, looks, want=("rgb",), seeds=seeds).rgb)
 
 
 def _poses(anatomy: Anatomy, count: int, rng: np.random.Generator) -> Pose:

@@ -1,4 +1,4 @@
-"""What a command line says was seen: a depth image, several with their poses, a cloud, or a reconstruction."""
+"""What a command line says was seen: a depth image, several with poses, a cloud, a reconstruction, or a picture."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 
     from naris.cli.register import Options
     from naris.core.camera import Intrinsics
+    from naris.core.results import DepthEstimate
     from naris.register.observation import DepthNoise, Observation, Scale
 
-_ONE_OF = "one of --depth, --rig and --cloud"
+_ONE_OF = "one of --depth, --rig and --cloud, or a --frame with its --intrinsics"
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +29,14 @@ class Seen:
     Attributes:
         observation: for the registration.
         intrinsics: of the camera; None of a cloud by itself.
-        depth: its depth image; None of clouds and reconstructions.
+        depth: its depth image; None of clouds, reconstructions and pictures.
+        estimate: what a network says of a picture alone, else None.
     """
 
     observation: Observation
     intrinsics: Intrinsics | None = None
     depth: np.ndarray | None = None
+    estimate: DepthEstimate | None = None
 
 
 def check_observation(options: Options) -> None:
@@ -43,17 +46,30 @@ def check_observation(options: Options) -> None:
         InputError: if not; the message names them.
     """
     given = [name for name in ("depth", "rig", "cloud") if getattr(options, name) is not None]
+    if not given and options.frame is not None:
+        _check_frame_alone(options)
+        return
     if len(given) != 1:
         got = "none" if not given else f"--{' and --'.join(given)}"
         raise InputError(_ONE_OF, got, "give what the camera saw" if not given else "give one of them")
     of_folder = options.cloud is not None and options.cloud.is_dir()
-    if options.cloud is not None and not of_folder and options.model is None and not options.contours:
-        refuse(options, ("frame",), "only with --model or --contours beside --cloud FILE", "neither")
+    looks = options.contours or options.shading
+    if options.cloud is not None and not of_folder and options.model is None and not looks:
+        refuse(options, ("frame",), "only with --model, --contours or --shading beside --cloud FILE", "neither")
     if options.depth is None:
-        if not (options.contours and options.cloud is not None and not of_folder):
-            refuse(options, ("intrinsics",), "only with --depth, or with --cloud FILE and --contours", f"--{given[0]}")
+        if not (looks and options.cloud is not None and not of_folder):
+            refuse(
+                options,
+                ("intrinsics",),
+                "only with --depth, or with --cloud FILE and --contours or --shading",
+                f"--{given[0]}",
+            )
     elif options.intrinsics is None:
         raise InputError("--intrinsics with --depth", "none", "give the camera of the depth image")
+    _check_scale(options, of_folder=of_folder)
+
+
+def _check_scale(options: Options, *, of_folder: bool) -> None:
     if options.cloud is not None:
         refuse(options, ("depth_unit_mm", "smooth_error"), "only with --depth or --rig", "--cloud")
     if not of_folder:
@@ -70,6 +86,36 @@ def check_observation(options: Options) -> None:
         )
     elif options.scale_factor is None:
         raise InputError("--scale-factor with --scale prior", "none", "give the most likely factor to mm")
+
+
+def _check_frame_alone(options: Options) -> None:
+    if options.intrinsics is None:
+        raise InputError(
+            "--intrinsics with a --frame alone", "none", "give its camera: the same picture of another lens is nearer"
+        )
+    what = "only with --depth, --rig or --cloud"
+    names = ("view", "depth_unit_mm", "smooth_error", "noise", "scale_factor", "scale_spread", "normals_deg")
+    refuse(options, names, what, "a --frame alone, whose depth and errors a network tells")
+    if options.alone:
+        raise InputError("--alone only with --cloud FOLDER", "no reconstruction", "leave it out")
+    if options.shape_model is not None or options.modes is not None:
+        raise InputError(
+            "one of --depth, --rig and --cloud with a shape", "a --frame alone", "give what the camera saw"
+        )
+    if options.contours or options.shading:
+        raise InputError(
+            "--contours or --shading beside --depth, --rig or --cloud",
+            "a --frame alone",
+            "leave it out: shading is used",
+        )
+    if options.method != "naris":
+        raise InputError("--method naris with a --frame alone", f"--method {options.method}", "leave --method out")
+    if options.scale in ("known", "prior"):
+        raise InputError(
+            "--scale unknown, or none, with a --frame alone",
+            f"--scale {options.scale}",
+            "leave it out: the network tells how far away walls are, and how sure it is",
+        )
 
 
 def observe(options: Options) -> Seen:
@@ -91,12 +137,28 @@ def observe(options: Options) -> Seen:
     from naris.register.files import read_depth_image
     from naris.register.observation import from_depth
 
-    if options.depth is None or options.intrinsics is None:
+    if options.intrinsics is None:
         raise InputError(_ONE_OF, "none", "give what the camera saw")
     intrinsics = read_intrinsics(options.intrinsics)
+    if options.depth is None:
+        return _picture(options, intrinsics)
     depth = read_depth_image(options.depth, unit_mm)
     scale = _scale(options, depth)
     return Seen(from_depth(depth, intrinsics, _noise(options, scale), scale), intrinsics, depth)
+
+
+def _picture(options: Options, intrinsics: Intrinsics) -> Seen:
+    import numpy as np
+
+    from naris.core.pictures import read_picture
+    from naris.locate.depth import open_depth
+    from naris.register.observation import any_scale, from_estimate
+
+    if options.frame is None:
+        raise InputError(_ONE_OF, "none", "give what the camera saw")
+    estimate = open_depth().estimate(read_picture(options.frame), intrinsics)
+    scale = any_scale(float(np.nanmedian(estimate.ranges_mm))) if options.scale == "unknown" else None
+    return Seen(from_estimate(estimate, scale), intrinsics, estimate=estimate)
 
 
 def _cloud(options: Options, file: Path) -> Seen:

@@ -1,4 +1,4 @@
-"""Find the pose of the camera in an anatomy from a depth image or a cloud of points, or say that it cannot be told."""
+"""Find the pose of the camera in an anatomy from depth, points or a picture alone, or say that it cannot be told."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from naris.cli.observed import Seen
     from naris.core.anatomy import Anatomy, RegionSet
     from naris.core.results import Registration
+    from naris.register.map import RegistrationMap
     from naris.register.observation import Observation
     from naris.register.starts import Belief
 
@@ -48,7 +49,7 @@ class Options:
     """Take the points that this picture saw and no others. With --cloud FOLDER."""
     intrinsics: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
     """Camera of the depth image: JSON with width, height, fx, fy, cx, cy in pixels and the lens. With --depth; or that
-    of the frame, with --cloud FILE and --contours."""
+    of the frame: where it is all there is, or with --cloud FILE and --contours or --shading."""
     depth_unit_mm: IfGiven[float] = None
     """What one step of the depth image is, in mm; 1 when not given. With --depth or --rig."""
     scale: IfGiven[Literal["known", "unknown", "prior"]] = None
@@ -75,11 +76,14 @@ class Options:
     regions: Annotated[IfGiven[str], tyro.conf.arg(metavar="SET")] = None
     """The region set that --region is of; by default the anatomy's first."""
     frame: Annotated[IfGiven[Path], tyro.conf.arg(metavar="PICTURE")] = None
-    """The picture, of several the first: for a model to say where it was taken, and to draw the walls on."""
+    """The picture, of several the first: for a model to say where it was taken, and to draw the walls on. Without
+    depth or points a network that ships with naris says how far away its walls are; most such poses are refused."""
     model: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-m"], metavar="MODEL")] = None
     """Weights made by naris train on this anatomy; they say where to begin. With --frame."""
     contours: bool = False
     """Then move the pose until edges of walls fall on edges of the frame. With --frame and its camera."""
+    shading: bool = False
+    """Then move the pose until our picture from there is shaded as the frame. With --frame and its camera."""
     most_tilt_deg: float = 90.0
     """The camera looks within this angle of the way inwards, where no pose is known."""
     most_roll_deg: float = 40.0
@@ -103,7 +107,6 @@ def run(options: Options, console: Console) -> int:
     """Registers and tells the pose; exit status 1 where it is refused."""
     from naris.cli.anatomies import map_of, open_anatomy
     from naris.cli.folders import check_own
-    from naris.register.register import RegisterConfig, register
 
     _check(options)
     if options.out is not None:
@@ -120,13 +123,10 @@ def run(options: Options, console: Console) -> int:
         at = map_of(anatomy)
         advance(1)
     with console.progress.task("registering", 1) as advance:
-        config = RegisterConfig(seed=options.seed, method=options.method)
-        if options.probability is not None:
-            config = replace(config, least_probability=options.probability)
-        found = register(at, seen.observation, belief, config)
+        found = _registered(options, at, seen, ground, belief)
         advance(1)
-    found, contours = _with_contours(options, found, anatomy, seen, ground)
-    data = _told(found, anatomy, seen.observation, options.method) | {"contours": contours}
+    found, by_frame = _with_frame(options, found, anatomy, seen, ground)
+    data = _told(found, anatomy, seen.observation, options.method) | by_frame
     if options.out is not None:
         pose = found.anatomy_T_camera
         if pose is None:
@@ -155,23 +155,27 @@ def _check(options: Options) -> None:
         refuse(options, ("regions",), "only with --region", "no region")
     if (options.model is not None) and options.frame is None:
         raise InputError("--frame with --model", "none", "give the picture that the model is to look at")
-    if options.contours:
+    if options.contours and options.shading:
+        raise InputError("one of --contours and --shading", "both", "take --shading")
+    if options.contours or options.shading:
         _check_camera(options)
     if options.model is not None:
         refuse(options, ("region",), "without --model", "a model that tells the region")
     if options.shape_model is not None or options.modes is not None:
         refuse(options, ("probability",), "only without a shape", "a shape, whose registration has none")
-        if options.contours:
-            raise InputError("--contours only without a shape", "a shape", "leave it out")
+        if options.contours or options.shading:
+            name = "--contours" if options.contours else "--shading"
+            raise InputError(f"{name} only without a shape", "a shape", "leave it out")
         if options.method != "naris":
             raise InputError("--method naris with a shape", f"--method {options.method}", "leave --method out")
 
 
 def _check_camera(options: Options) -> None:
+    what = "--contours" if options.contours else "--shading"
     of_points = options.cloud is not None and not options.cloud.is_dir()
     for name, lacks in (("frame", options.frame is None), ("intrinsics", of_points and options.intrinsics is None)):
         if lacks:
-            raise InputError(f"--{name} with --contours", "none", "give the frame and its camera")
+            raise InputError(f"--{name} with {what}", "none", "give the frame and its camera")
 
 
 def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
@@ -196,21 +200,48 @@ def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
     return replace(of_prediction(prediction, anatomy.region_set(subject.regions.name)), orientation=orientation)
 
 
-def _with_contours(
-    options: Options, found: Registration, anatomy: Anatomy, seen: Seen, frame: np.ndarray | None
-) -> tuple[Registration, dict[str, Any] | None]:
-    """The pose as the edges of the frame have it, and what is told of them; None where that is not asked for."""
-    if not options.contours or frame is None or seen.intrinsics is None:
-        return found, None
-    import math
+def _registered(
+    options: Options, at: RegistrationMap, seen: Seen, frame: np.ndarray | None, belief: Belief
+) -> Registration:
+    from naris.register.register import RegisterConfig, register
 
-    from naris.register.contour import sharpened
+    changes: dict[str, Any] = {"seed": options.seed}
+    if options.probability is not None:
+        changes["least_probability"] = options.probability
+    if seen.estimate is None or seen.intrinsics is None or frame is None:
+        return register(at, seen.observation, belief, RegisterConfig(method=options.method, **changes))
+    from naris.register.picture import SEARCH, PictureConfig, register_picture
     from naris.render.scene import Scene
 
-    made = sharpened(Scene(anatomy), found, frame, seen.intrinsics)
-    before, after = (None if math.isnan(px) else px for px in made.off_px)
-    told = {"edges": made.edges, "used": made.moved_mm > 0, "moved_mm": made.moved_mm, "moved_deg": made.moved_deg}
-    return made.registration, told | {"off_px_before": before, "off_px_after": after}
+    config = PictureConfig(replace(SEARCH, **changes))
+    whole = frame, seen.intrinsics, seen.estimate
+    return register_picture(at, Scene(at.anatomy), whole, belief, config, seen.observation.scale)
+
+
+def _with_frame(
+    options: Options, found: Registration, anatomy: Anatomy, seen: Seen, frame: np.ndarray | None
+) -> tuple[Registration, dict[str, Any]]:
+    """The pose as edges or shading of the frame have it, and what is told of them; None where that is not asked for."""
+    told: dict[str, Any] = {"contours": None, "shading": None}
+    if not (options.contours or options.shading) or frame is None or seen.intrinsics is None:
+        return found, told
+    import math
+
+    from naris.render.scene import Scene
+
+    if options.contours:
+        from naris.register.contour import sharpened
+
+        made = sharpened(Scene(anatomy), found, frame, seen.intrinsics)
+        before, after = (None if math.isnan(px) else px for px in made.off_px)
+        moved = {"edges": made.edges, "used": made.moved_mm > 0, "moved_mm": made.moved_mm, "moved_deg": made.moved_deg}
+        return made.registration, told | {"contours": moved | {"off_px_before": before, "off_px_after": after}}
+    from naris.register.shading import reshaded
+
+    shaded = reshaded(Scene(anatomy), found, frame, seen.intrinsics)
+    moved = {"used": shaded.used, "moved_mm": shaded.moved_mm, "moved_deg": shaded.moved_deg}
+    moved |= {"cost_before": shaded.cost[0], "cost_after": shaded.cost[1]}
+    return shaded.registration, told | {"shading": moved}
 
 
 def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str) -> dict[str, Any]:
@@ -223,6 +254,7 @@ def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str)
         "schema": SCHEMA,
         "status": found.status,
         "method": method,
+        "picture_alone": seen.by_network,
         "reason": found.reason,
         "anatomy": {"name": anatomy.name, "digest": anatomy.digest, "frame": anatomy.frame},
         "anatomy_T_camera": None if found.anatomy_T_camera is None else found.anatomy_T_camera.matrix.tolist(),
@@ -257,5 +289,10 @@ def _text(data: dict[str, Any]) -> str:
         lines.append(
             f"  by edges of the frame: {moved}, {edges['edges']} places on edges of walls have one beside them"
         )
+    if (shading := data["shading"]) is not None:
+        moved = (
+            f"moved by {shading['moved_mm']:.2f} mm and {shading['moved_deg']:.1f}°" if shading["used"] else "not moved"
+        )
+        lines.append(f"  by the shading of the frame: {moved}")
     lines += [f"  kept in {file}" for file in data.get("files", [])]
     return "\n".join(lines)

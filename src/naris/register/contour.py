@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
@@ -141,13 +141,19 @@ def _picture(frame: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w"]:
     """
     grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
     picture = np.log(cv2.GaussianBlur(grey, (0, 0), _BLUR_PX) + _DARK)
-    count, pieces = cv2.connectedComponents((grey < _FRAME_GREY).astype(np.uint8))
-    border = np.unique(np.concatenate([pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]]))
-    black = np.isin(pieces, border[border > 0]) if count > 1 else np.zeros(grey.shape, bool)
+    black = black_border(frame)
     if black.any():
         around = cv2.dilate(black.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
         picture[around] = np.nan
     return np.asarray(picture, dtype=np.float32)
+
+
+def black_border(frame: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
+    """What may be the black frame around a picture: all that is black from there to the border."""
+    grey = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
+    count, pieces = cv2.connectedComponents((grey < _FRAME_GREY).astype(np.uint8))
+    border = np.unique(np.concatenate([pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]]))
+    return np.isin(pieces, border[border > 0]) if count > 1 else np.zeros(grey.shape, bool)
 
 
 def _edges(

@@ -17,6 +17,7 @@ from jaxtyping import Float, Int
 
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
+from naris.core.results import DepthEstimate
 from naris.errors import InputError, PoseError
 
 _BLOCKS = 32
@@ -25,6 +26,7 @@ _NEAR_MM, _FAR_MM = 0.05, 1000.0
 _FEWEST = 12
 _MOST_BEHIND = 0.5
 _ROUNDED_MM = 0.03  # what the map rounds off
+_NETWORK_OUTLIERS = 0.05
 _FLAT = 0.01  # rad: a view that is thinner leaves the pose loose
 
 
@@ -151,6 +153,7 @@ class Observation:
         normals: (N, 3) unit, of the wall towards the camera, in the rig; None where they are not known.
         normals_rad: their standard deviation.
         is_cloud: whether these are points, off in every direction, and not distances along rays that are known.
+        by_network: whether a network told these distances from a picture: its errors are as it claims them.
     """
 
     origins: Float[np.ndarray, "n 3"]
@@ -166,6 +169,7 @@ class Observation:
     normals: Float[np.ndarray, "n 3"] | None = None
     normals_rad: float = np.inf
     is_cloud: bool = False
+    by_network: bool = False
 
     def __len__(self) -> int:
         return len(self.ranges)
@@ -252,6 +256,36 @@ def from_ranges(
             smooth=noise.smooth,
             reach_deg=noise.reach_deg,
             scale=scale,
+        )
+    )
+
+
+def from_estimate(estimate: DepthEstimate, scale: Scale | None = None) -> Observation:
+    """What a depth network tells of a picture, with the errors that it claims.
+
+    Args:
+        estimate: from `naris.locate.depth`.
+        scale: another one than the prior that the network gives.
+
+    Raises:
+        InputError: if it tells too little.
+    """
+    known = np.isfinite(estimate.ranges_mm)
+    ranges, n = estimate.ranges_mm[known], int(known.sum())
+    scale = Scale("prior", 1.0, estimate.scale_sd_log) if scale is None else scale
+    return _checked(
+        Observation(
+            origins=np.zeros((n, 3)),
+            directions=estimate.rays[known],
+            ranges=ranges,
+            radial=ranges * np.hypot(estimate.sd_log[known], 0.12 * estimate.smooth),
+            isotropic=np.full(n, _ROUNDED_MM / scale.middle),
+            view=np.zeros(n, np.int64),
+            outliers=_NETWORK_OUTLIERS,
+            smooth=estimate.smooth,
+            reach_deg=estimate.reach_deg,
+            scale=scale,
+            by_network=True,
         )
     )
 

@@ -76,16 +76,21 @@ def register(
         RegionError: if no believed region has room for a camera.
         InputError: if the method cannot be used on what was seen, or it lies further away than the anatomy is long.
     """
+    return _chosen(at, observation, search(at, observation, belief, config), config)
+
+
+def search(at: RegistrationMap, observation: Observation, belief: Belief, config: RegisterConfig) -> Found:
+    """All that `register` chooses from; arguments and errors are its own."""
     _check_size(at, observation)
     rng = np.random.default_rng(config.seed)
     starts = find_starts(at, observation, belief, config.starts, rng)
     rough = coarse(at, observation, starts)
     first = _finely(at, observation, promising(rough, config.finalists), belief, config)
     if not config.aside:
-        return _chosen(at, observation, Found(rough, first, None), config)
+        return Found(rough, first, None)
     count = -(-config.aside // 2) if observation.is_cloud else config.aside
     again = _finely(at, observation, aside(first, at.anatomy.frame, count, rng), belief, config)
-    return _chosen(at, observation, Found(rough, merged(first, again), again), config)
+    return Found(rough, merged(first, again), again)
 
 
 def _finely(
@@ -123,7 +128,7 @@ def _chosen(at: RegistrationMap, observation: Observation, found: Found, config:
     solutions = found.solutions
     basins = different(solutions, _ALTERNATIVES, BASIN_MM, BASIN_RAD)
     poses = Pose(solutions.poses[basins], at.anatomy.frame, CAMERA)
-    covariance = _covariance(solutions, 0)
+    covariance = covariance_of(solutions, 0)
     evidence = Evidence.of(at, observation, found, basins, covariance)
     chance = probability(evidence)
     reason = _at_limit(observation.scale, float(solutions.log_scales[0]))
@@ -153,7 +158,7 @@ def _at_limit(scale: Scale, log_scale: float) -> str | None:
     )
 
 
-def _covariance(solutions: Solutions, k: int) -> Float[np.ndarray, "6 6"]:
+def covariance_of(solutions: Solutions, k: int) -> Float[np.ndarray, "6 6"]:
     """Of the twist in the camera (mm, rad), scale and smooth error left free: the block of the inverse."""
     matrix = solutions.matrices[k] if solutions.matrices is not None else np.eye(6)
     return np.linalg.inv(matrix + 1e-9 * np.eye(len(matrix)))[:6, :6]

@@ -1,0 +1,198 @@
+"""Registrations from a picture alone: how far away walls are, a network tells (`naris.locate.depth`).
+
+Views of virtual patients as those of `naris.bench.trials`, pictures of patients and under looks that no training had.
+What another patient's picture and a picture of something else come to is counted as well.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+
+from naris.anatomy.builtin.variation import virtual_patient
+from naris.bench import BenchRequest
+from naris.bench.result import Better, Figure, wilson
+from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, Trial, drawn_trials, frames
+from naris.core.anatomy import Anatomy
+from naris.core.pose import distance
+from naris.core.results import Registration
+from naris.evaluate.score import auroc, normalised_square, reliability
+from naris.evaluate.targets import target_errors_mm, wall_ahead_mm
+from naris.locate.depth import DepthEstimator, open_depth
+from naris.register.map import RegistrationMap, registration_map
+from naris.register.picture import SEARCH, PictureConfig, register_picture
+from naris.register.starts import NOTHING, Belief, in_region
+from naris.render.scene import Scene
+from naris.train.strangers import strangers
+
+PATIENTS, VIEWS, QUICK_PATIENTS, QUICK_VIEWS = 16, 10, 1, 3
+CAMERA = CAMERA_OF_TRIALS.resized(FRAME_PX, FRAME_PX)
+NONE, REGION, OTHER, STRANGE = "none", "region", "other", "strange"
+"""From nothing; from the true region; another patient's anatomy; a picture of something else."""
+
+PICTURE_SOLVER = ("picture", "shading")
+"""Sources that decide where a registration of a picture ends, beside those of every registration."""
+
+_SEEDS = 7_000_000  # of the patients, apart from those of the fits and the other benchmarks
+_STRANGE_EACH = 5
+_DARK = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Pictured:
+    """What a registration of a picture came to.
+
+    Attributes:
+        kind: one of `NONE`, `REGION`, `OTHER` and `STRANGE`.
+        result: of the registration.
+        off_mm, off_deg: of the best pose, from the truth; infinite where there is none in that anatomy.
+        target_mm: mean error over the walls that are seen.
+        normalised: the squared error over what the covariance says, a degree of freedom.
+        cpu_s: of network and registration.
+    """
+
+    kind: str
+    result: Registration
+    off_mm: float
+    off_deg: float
+    target_mm: float
+    normalised: float
+    cpu_s: float
+
+    @property
+    def right(self) -> bool:
+        return self.off_mm <= 2.0 and self.off_deg <= 5.0
+
+    @property
+    def accepted(self) -> bool:
+        return self.result.status == "registered"
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """Pictures of a patient, prepared, with their trials, and another patient."""
+
+    at: tuple[RegistrationMap, Scene]
+    other: tuple[RegistrationMap, Scene]
+    trials: list[Trial]
+    images: UInt8[np.ndarray, "n h w 3"]
+
+
+def shots(nose: Anatomy, other: Anatomy, views: int, seed: int) -> Shots:
+    """Of a patient, as the trials are drawn."""
+    trials = drawn_trials(nose, views, seed)
+    return Shots(
+        (registration_map(nose), Scene(nose)),
+        (registration_map(other), Scene(other)),
+        trials,
+        frames(nose, trials, seed),
+    )
+
+
+def registered(shot: Shots, estimator: DepthEstimator, seed: int) -> Iterator[Pictured]:
+    """All of a patient: each picture from nothing, from the true region, in another patient; and other things."""
+    regions = shot.at[0].anatomy.region_set()
+    for number, (trial, image) in enumerate(zip(shot.trials, shot.images, strict=True)):
+        name = regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))]
+        yield _one(NONE, shot.at, image, NOTHING, trial, estimator, seed + number)
+        yield _one(REGION, shot.at, image, in_region(regions, name), trial, estimator, seed + number)
+        yield _one(OTHER, shot.other, image, NOTHING, None, estimator, seed + number)
+    rng = np.random.default_rng([seed, 9])
+    for image in strangers(_STRANGE_EACH, FRAME_PX, shot.images, rng):
+        if image.max() > _DARK:  # a black one is no picture, and is said to be none
+            yield _one(STRANGE, shot.at, image, NOTHING, None, estimator, seed)
+
+
+def _one(
+    kind: str,
+    at: tuple[RegistrationMap, Scene],
+    image: UInt8[np.ndarray, "h w 3"],
+    belief: Belief,
+    trial: Trial | None,
+    estimator: DepthEstimator,
+    seed: int,
+) -> Pictured:
+    begun = time.process_time()
+    seen = image, CAMERA, estimator.estimate(image, CAMERA)
+    result = register_picture(*at, seen, belief, PictureConfig(replace(SEARCH, seed=seed)))
+    spent = time.process_time() - begun
+    if trial is None:
+        return Pictured(kind, result, np.inf, np.inf, np.inf, np.nan, spent)
+    truth = trial.anatomy_T_camera
+    off_mm, off_rad = distance(result.best, truth)
+    wall_mm = wall_ahead_mm(truth, trial.ranges["a"], trial.rays)
+    return Pictured(
+        kind,
+        result,
+        float(off_mm),
+        float(np.rad2deg(off_rad)),
+        float(target_errors_mm(result.best, truth, wall_mm).mean()),
+        normalised_square(result.best, truth, result.covariance),
+        spent,
+    )
+
+
+def figures(request: BenchRequest) -> list[Figure]:
+    """Over all pictures, refusals counted as such."""
+    count, views = (QUICK_PATIENTS, QUICK_VIEWS) if request.quick else (PATIENTS, VIEWS)
+    estimator, done = open_depth(), list[Pictured]()
+    with request.progress.task("pictures alone", count) as advance:
+        for number in range(count):
+            nose, other = (virtual_patient(_SEEDS + request.seed, k) for k in (number, number + PATIENTS))
+            shot = shots(nose, other, views, _SEEDS + request.seed + number)
+            if not number:  # compiles what there is to compile, so that no other pays for it
+                next(registered(shot, estimator, request.seed))
+            done += registered(shot, estimator, request.seed)
+            advance(1)
+    return [*_success(done, NONE), *_success(done, REGION), *_belief(done), *_refused(done)]
+
+
+def _success(done: Sequence[Pictured], kind: str) -> list[Figure]:
+    some = [one for one in done if one.kind == kind]
+    base, n = f"register.picture.{kind}", len(some)
+    right = [one.right for one in some]
+    kept = [one.accepted and one.target_mm < 2.0 for one in some]
+    return [
+        _share(f"{base}.success", np.array(right), "higher"),
+        _share(f"{base}.tre_lt2", np.array(kept), "higher"),
+        Figure(f"{base}.target_mm", float(np.median([one.target_mm for one in some])), "mm", n, "lower"),
+        Figure(f"{base}.cpu_s", float(np.mean([one.cpu_s for one in some])), "CPU-s", n, "lower"),
+    ]
+
+
+def _belief(done: Sequence[Pictured]) -> list[Figure]:
+    some = [one for one in done if one.kind == NONE]
+    right, said = np.array([one.right for one in some]), np.array([one.result.probability for one in some])
+    accepted, base, n = np.array([one.accepted for one in some]), "register.picture", len(some)
+    above = auroc(said, right)
+    squares = [one.normalised for one in some if one.right and one.accepted]
+    return [
+        Figure(f"{base}.auroc", above, "1", n if above is not None else 0, "higher"),
+        Figure(f"{base}.ece", reliability(said, right).ece, "1", n, "lower"),
+        _share(f"{base}.accepted", accepted, "higher"),
+        _share(f"{base}.false_accept", ~right[accepted], "lower"),
+        Figure(f"{base}.normalised", float(np.mean(squares)) if squares else None, "1", len(squares), "lower"),
+    ]
+
+
+def _refused(done: Sequence[Pictured]) -> list[Figure]:
+    names = {OTHER: "wrong_patient", STRANGE: STRANGE}
+    return [
+        _share(
+            f"register.picture.{name}.refused",
+            np.array([not one.accepted for one in done if one.kind == kind]),
+            "higher",
+        )
+        for kind, name in names.items()
+    ]
+
+
+def _share(name: str, which: Bool[np.ndarray, "n"], better: Better) -> Figure:
+    n = len(which)
+    if not n:
+        return Figure(name, None, "1", 0, better)
+    return Figure(name, float(which.mean()), "1", n, better, None, wilson(int(which.sum()), n))
