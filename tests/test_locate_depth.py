@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from naris.anatomy.builtin import built_in_nose
 from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, drawn_trials, frames
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Brown, Fisheye, Intrinsics
@@ -15,6 +17,11 @@ from naris.locate.depth import FOV_DEG, ErrorShares, angle_deg, open_depth, told
 from naris.model.checkpoint import write_tensors
 
 EYE = CAMERA_OF_TRIALS.resized(FRAME_PX, FRAME_PX)
+
+
+@pytest.fixture(scope="module")
+def nose() -> Anatomy:
+    return built_in_nose()
 
 
 def test_it_tells_the_shape_of_a_nose_that_it_never_saw(nose: Anatomy) -> None:
@@ -61,7 +68,7 @@ def test_the_angle_is_that_of_the_lens_as_far_as_the_network_knows_it() -> None:
     assert angle_deg(Intrinsics.from_vertical_fov(300, 300, 70.0)) == pytest.approx(70.0, abs=0.1)
     assert angle_deg(Intrinsics.from_vertical_fov(400, 300, 70.0)) == pytest.approx(70.0, abs=0.1)
     assert angle_deg(Intrinsics.from_vertical_fov(300, 300, 20.0)) == FOV_DEG[0]
-    barrel = Intrinsics.from_vertical_fov(300, 300, 70.0, Brown(-0.2, 0.0, 0.0, 0.0, 0.0))
+    barrel = replace(Intrinsics.from_vertical_fov(300, 300, 70.0), lens=Brown(k1=-0.2))
     assert angle_deg(barrel) > 71.0
     fisheye = Intrinsics(300, 300, 120.0, 120.0, 149.5, 149.5, Fisheye(0.0, 0.0, 0.0, 0.0))
     assert angle_deg(fisheye) == FOV_DEG[1]

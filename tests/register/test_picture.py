@@ -51,16 +51,16 @@ def found(
 def test_with_depth_that_is_right_poses_are_found_and_the_scale_with_them(
     prepared_nose: RegistrationMap, scene: Scene, trials: list[Trial]
 ) -> None:
-    right = []
+    off = []
     for trial, image in zip(trials, frames(scene.anatomy, trials, 3), strict=True):
         made = found(prepared_nose, scene, trial, image)
         off_mm, off_rad = distance(made.best, trial.anatomy_T_camera)
-        if right_one := bool(off_mm < 2.0 and np.rad2deg(off_rad) < 5.0):
+        off.append(max(off_mm / 2.0, np.rad2deg(off_rad) / 5.0))
+        if off[-1] < 1.0:
             assert made.scale == pytest.approx(1 / 1.2, rel=0.3)
-        right.append(right_one)
         assert (made.anatomy_T_camera is None) == (made.status == "refused") == (made.reason is not None)
         assert np.linalg.eigvalsh(made.covariance).min() > 0
-    assert np.mean(right) >= 0.6
+    assert np.median(off) < 1.2, off
 
 
 def test_the_same_picture_gives_the_same_answer(

@@ -78,10 +78,10 @@ def test_light_and_tone_are_no_shape(scene: Scene, trials: list[Trial]) -> None:
     picture = bare(scene, truth).astype(np.float64)
     side = np.linspace(0.8, 1.0, FRAME_PX)[None, :, None]
     changed = (0.7 * picture, side * picture, 255 * (picture / 255) ** 0.8)
-    for one in changed:
-        assert Shading(scene, one.astype(np.uint8), EYE).cost(truth) < 6.0
-    elsewhere = bare(scene, trials[1].anatomy_T_camera)
-    assert Shading(scene, elsewhere, EYE).cost(truth) > 20.0
+    alike = [Shading(scene, one.astype(np.uint8), EYE).cost(truth) for one in changed]
+    others = [Shading(scene, bare(scene, trial.anatomy_T_camera), EYE).cost(truth) for trial in trials[1:]]
+    assert max(alike) < 6.0
+    assert max(alike) < 0.3 * np.median(others)
 
 
 def test_what_was_decided_stays(scene: Scene, trials: list[Trial], pictures: np.ndarray) -> None:
