@@ -12,7 +12,7 @@ from naris.anatomy.builtin import built_in_nose
 from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, drawn_trials, frames
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Brown, Fisheye, Intrinsics
-from naris.errors import CheckpointError, ImageError
+from naris.errors import CheckpointError, ImageError, InputError
 from naris.locate.depth import FOV_DEG, ErrorShares, angle_deg, open_depth, told
 from naris.model.checkpoint import write_tensors
 
@@ -67,7 +67,9 @@ def test_a_black_picture_and_one_of_another_shape_are_refused() -> None:
 def test_the_angle_is_that_of_the_lens_as_far_as_the_network_knows_it() -> None:
     assert angle_deg(Intrinsics.from_vertical_fov(300, 300, 70.0)) == pytest.approx(70.0, abs=0.1)
     assert angle_deg(Intrinsics.from_vertical_fov(400, 300, 70.0)) == pytest.approx(70.0, abs=0.1)
-    assert angle_deg(Intrinsics.from_vertical_fov(300, 300, 20.0)) == FOV_DEG[0]
+    narrow = Intrinsics.from_vertical_fov(300, 300, 20.0)
+    with pytest.raises(InputError, match="at least 40° high"):
+        open_depth().estimate(np.full((300, 300, 3), 120, np.uint8), narrow)
     barrel = replace(Intrinsics.from_vertical_fov(300, 300, 70.0), lens=Brown(k1=-0.2))
     assert angle_deg(barrel) > 71.0
     fisheye = Intrinsics(300, 300, 120.0, 120.0, 149.5, 149.5, Fisheye(0.0, 0.0, 0.0, 0.0))

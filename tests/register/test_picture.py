@@ -16,12 +16,14 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, distance
 from naris.core.provenance import file_digest
 from naris.core.results import DepthEstimate, Registration
+from naris.errors import InputError
 from naris.locate.depth import DEPTH_WEIGHTS, open_depth
 from naris.register import picture
 from naris.register.map import RegistrationMap
-from naris.register.observation import UNKNOWN
+from naris.register.observation import from_estimate
 from naris.register.picture import PictureConfig, register_picture
-from naris.register.starts import Belief, near
+from naris.register.register import register
+from naris.register.starts import Belief, in_region, near
 from naris.render.scene import Scene
 
 EYE = CAMERA_OF_TRIALS.resized(FRAME_PX, FRAME_PX)
@@ -81,12 +83,21 @@ def test_a_believed_pose_is_begun_from(prepared_nose: RegistrationMap, scene: Sc
     assert np.rad2deg(off_rad) < 6.0
 
 
-def test_a_scale_that_is_said_to_be_unknown_is_sought(
-    prepared_nose: RegistrationMap, scene: Scene, trials: list[Trial]
-) -> None:
+def test_a_region_that_was_named_holds(prepared_nose: RegistrationMap, scene: Scene, trials: list[Trial]) -> None:
+    """Whatever is registered is in it; where shading has left it, nothing is."""
+    regions, trial = scene.anatomy.region_set(), trials[0]
     image = frames(scene.anatomy, trials[:1], 3)[0]
-    made = register_picture(prepared_nose, scene, (image, EYE, exact(trials[0])), scale=UNKNOWN)
-    assert UNKNOWN.low <= made.scale <= UNKNOWN.high
+    for name in regions.names:
+        made = found(prepared_nose, scene, trial, image, in_region(regions, name))
+        if made.anatomy_T_camera is not None:
+            assert regions.names[int(regions.label(made.anatomy_T_camera.position_mm))] == name
+        inside = regions.names[int(regions.label(made.best.position_mm))] == name
+        assert inside or "in none of the regions" in (made.reason or "")
+
+
+def test_what_a_network_told_is_not_taken_for_depth(prepared_nose: RegistrationMap, trials: list[Trial]) -> None:
+    with pytest.raises(InputError, match="register_picture"):
+        register(prepared_nose, from_estimate(exact(trials[0])))
 
 
 def test_something_else_is_refused(prepared_nose: RegistrationMap, scene: Scene) -> None:

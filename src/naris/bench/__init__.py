@@ -31,7 +31,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     "register": Benchmark(
         "naris.bench.register",
         "how often, how surely and at what cost a registration ends right",
-        ("trials", "cissticp", "peers", "deformable", "contours", "pictures"),
+        ("trials", "cissticp", "peers", "deformable", "contours", "pictures", "shot"),
     ),
     "chain": Benchmark("naris.bench.chain", "frame in and pose out: each patient's own network starts a registration"),
     "demo": Benchmark("naris.bench.demo", "what naris demo comes to, and its seconds"),

@@ -43,7 +43,7 @@ HALVINGS, QUICK_HALVINGS = 5, 1
 TARGET_MM, TURN_DEG = 2.0, 5.0
 """A registration is right if the walls in view are within so much, vertex by vertex, and turned by no more."""
 _WIDER = 2.0
-_SHOT_FILES = ("motion.yaml", "structure.ply")
+SHOT_FILES = ("motion.yaml", "structure.ply")
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +207,7 @@ def _mean(values: Sequence[float]) -> float | None:
 
 def _shot(request: BenchRequest, folder: Path, at: RegistrationMap, modes: Modes) -> list[Figure]:
     """The real shot in the mean nose, all of it and random halves of it."""
-    if not all((folder / name).is_file() for name in _SHOT_FILES):
+    if not all((folder / name).is_file() for name in SHOT_FILES):
         return _of_shot(None, [])
     seen, rng = observed_shot(folder), np.random.default_rng([request.seed, 9])
     halvings, pairs = QUICK_HALVINGS if request.quick else HALVINGS, []

@@ -34,7 +34,14 @@ CAMERA = CAMERA_OF_TRIALS.resized(FRAME_PX, FRAME_PX)
 NONE, REGION, OTHER, STRANGE = "none", "region", "other", "strange"
 """From nothing; from the true region; another patient's anatomy; a picture of something else."""
 
-PICTURE_SOLVER = ("picture", "shading")
+PICTURE_SOLVER = (
+    "naris.register.picture",
+    "naris.register.shading",
+    "naris.register.contour",
+    "naris.register.observation",
+    "naris.locate.depth",
+    "naris.locate.view",
+)
 """Sources that decide where a registration of a picture ends, beside those of every registration."""
 
 _SEEDS = 7_000_000  # of the patients, apart from those of the fits and the other benchmarks

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from naris.anatomy.builtin.variation import virtual_patient
-from naris.bench import BenchRequest, Measurement, cissticp, contours, deformable, peer_trials, pictures
+from naris.bench import BenchRequest, Measurement, cissticp, contours, deformable, peer_trials, pictures, shot
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
     FREE_POINTS,
@@ -105,7 +105,7 @@ class Setting:
 
 def measure(request: BenchRequest) -> Measurement:
     """All figures, or those of a part: trials, the runs of cisstICP, peers in our solver's place, shapes, contours,
-    pictures alone."""
+    pictures alone, and those of a real shot."""
     figures = of_trials(request) if request.wants("trials") else []
     if request.wants("cissticp"):
         figures += cissticp.figures(request)
@@ -117,6 +117,8 @@ def measure(request: BenchRequest) -> Measurement:
         figures += contours.figures(request)
     if request.wants("pictures"):
         figures += pictures.figures(request)
+    if request.wants("shot"):
+        figures += shot.figures(request)
     return Measurement(tuple(figures), _inputs(request))
 
 
@@ -310,9 +312,9 @@ def _warm_up(setting: Setting) -> None:
 
 
 def solver_digest(more: tuple[str, ...] = ()) -> str:
-    """Of the sources that decide where a registration ends and what speaks for it, and of some more."""
-    room = resources.files("naris.register")
-    content = b"".join(room.joinpath(f"{name}.py").read_bytes() for name in (*SOLVER, *more))
+    """Of the sources that decide where a registration ends and what speaks for it, and of some more modules."""
+    modules = [module.rpartition(".") for module in (*(f"naris.register.{name}" for name in SOLVER), *more)]
+    content = b"".join(resources.files(room).joinpath(f"{name}.py").read_bytes() for room, _, name in modules)
     return hashlib.sha256(content).hexdigest()[:12]
 
 

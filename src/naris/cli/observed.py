@@ -94,7 +94,7 @@ def _check_frame_alone(options: Options) -> None:
             "--intrinsics with a --frame alone", "none", "give its camera: the same picture of another lens is nearer"
         )
     what = "only with --depth, --rig or --cloud"
-    names = ("view", "depth_unit_mm", "smooth_error", "noise", "scale_factor", "scale_spread", "normals_deg")
+    names = ("view", "depth_unit_mm", "smooth_error", "noise", "scale", "scale_factor", "scale_spread", "normals_deg")
     refuse(options, names, what, "a --frame alone, whose depth and errors a network tells")
     if options.alone:
         raise InputError("--alone only with --cloud FOLDER", "no reconstruction", "leave it out")
@@ -110,12 +110,6 @@ def _check_frame_alone(options: Options) -> None:
         )
     if options.method != "naris":
         raise InputError("--method naris with a --frame alone", f"--method {options.method}", "leave --method out")
-    if options.scale in ("known", "prior"):
-        raise InputError(
-            "--scale unknown, or none, with a --frame alone",
-            f"--scale {options.scale}",
-            "leave it out: the network tells how far away walls are, and how sure it is",
-        )
 
 
 def observe(options: Options) -> Seen:
@@ -148,17 +142,14 @@ def observe(options: Options) -> Seen:
 
 
 def _picture(options: Options, intrinsics: Intrinsics) -> Seen:
-    import numpy as np
-
     from naris.core.pictures import read_picture
     from naris.locate.depth import open_depth
-    from naris.register.observation import any_scale, from_estimate
+    from naris.register.observation import from_estimate
 
     if options.frame is None:
         raise InputError(_ONE_OF, "none", "give what the camera saw")
     estimate = open_depth().estimate(read_picture(options.frame), intrinsics)
-    scale = any_scale(float(np.nanmedian(estimate.ranges_mm))) if options.scale == "unknown" else None
-    return Seen(from_estimate(estimate, scale), intrinsics, estimate=estimate)
+    return Seen(from_estimate(estimate), intrinsics, estimate=estimate)
 
 
 def _cloud(options: Options, file: Path) -> Seen:

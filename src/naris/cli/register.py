@@ -215,7 +215,7 @@ def _registered(
 
     config = PictureConfig(replace(SEARCH, **changes))
     whole = frame, seen.intrinsics, seen.estimate
-    return register_picture(at, Scene(at.anatomy), whole, belief, config, seen.observation.scale)
+    return register_picture(at, Scene(at.anatomy), whole, belief, config)
 
 
 def _with_frame(
@@ -280,7 +280,8 @@ def _text(data: dict[str, Any]) -> str:
     where = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in {data['anatomy']['frame']} of {data['anatomy']['name']}"
     if data["status"] == "refused":
         return f"refused: {data['reason']}\n  best guess near {where}, not to be used"
-    scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} mm per unit"
+    unit = "times what the network says" if data["picture_alone"] else "mm per unit"
+    scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} {unit}"
     lines = [f"registered: camera at {where}, probability {data['probability']:.2f} to be within 2 mm and 5°{scale}"]
     if (off := data["scale_off_sd"]) is not None and abs(off) > _FAR_OFF_SD:
         lines.append(f"  the scale lies {abs(off):.1f} deviations from its prior: see which of them is right")

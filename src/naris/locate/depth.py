@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from naris.core.camera import Intrinsics
 from naris.core.results import DepthEstimate
-from naris.errors import CheckpointError, ImageError
+from naris.errors import CheckpointError, ImageError, InputError
 from naris.locate.view import views_of
 from naris.model.checkpoint import read_tensors
 from naris.model.depth import DepthConfig, DepthNetwork
@@ -25,7 +25,7 @@ DEPTH_WEIGHTS = Path(__file__).parent / "weights" / "depth.safetensors"
 
 SCHEMA = "naris.depth/1"
 FOV_DEG = 40.0, 95.0
-"""Vertical angles that the network was trained with; of a wider picture the middle is looked at."""
+"""Vertical angles that the network was trained with; of a wider picture the middle is used, a narrower is refused."""
 
 _FRAME_GREY = 14  # as `naris.locate.view`
 _FEWEST = 0.25  # of the cells that must show something
@@ -60,8 +60,15 @@ class DepthEstimator:
         """Ranges (mm) along the rays of the picture's middle square, and how sure they are.
 
         Raises:
+            InputError: if the lens is narrower than those that the network knows.
             ImageError: if the picture has not the shape of those that the intrinsics are for, or is black.
         """
+        if (narrow := _vertical_deg(intrinsics)) < FOV_DEG[0]:
+            raise InputError(
+                f"a lens whose picture is at least {FOV_DEG[0]:.0f}° high and wide for a picture alone",
+                f"{narrow:.0f}°",
+                "check the intrinsics, or give depth",
+            )
         size = self.network.config.input_px
         camera = Intrinsics.from_vertical_fov(size, size, angle_deg(intrinsics))
         (view,) = views_of(image, size, camera, intrinsics)
@@ -124,11 +131,16 @@ def open_depth(path: Path = DEPTH_WEIGHTS) -> DepthEstimator:
 
 def angle_deg(intrinsics: Intrinsics) -> float:
     """The vertical angle to look at a picture with: that of its middle square, as far as the network knows it."""
+    return min(_vertical_deg(intrinsics), FOV_DEG[1])
+
+
+def _vertical_deg(intrinsics: Intrinsics) -> float:
+    """Of the middle square of a picture; the widest known one where the lens bends its ends out of view."""
     square = intrinsics.squared()
     middle = (square.height - 1) / 2
     ends = square.unproject(np.array([[middle, -0.5], [middle, square.height - 0.5]]))
     angle = float(np.rad2deg(np.arccos(np.clip(ends[0] @ ends[1], -1, 1))))
-    return float(np.clip(angle, *FOV_DEG)) if np.isfinite(angle) else FOV_DEG[1]
+    return angle if np.isfinite(angle) else FOV_DEG[1]
 
 
 def _shown(view: UInt8[np.ndarray, "s s 3"]) -> Bool[np.ndarray, "s s"]:

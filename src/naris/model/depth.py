@@ -117,7 +117,9 @@ def depth_loss(output: DepthOutput, log_range: Float[Tensor, "b i j"], *, edges:
     """−log likelihood of the true ranges, NaN where there is no wall, and `edges` times the error of differences."""
     known = torch.isfinite(log_range)
     off = torch.where(known, output.log_range - log_range.nan_to_num(), 0.0)
-    likelihood = torch.where(known, off.abs() / output.spread + output.spread.log(), 0.0).sum() / known.sum()
+    likelihood = torch.where(known, off.abs() / output.spread + output.spread.log(), 0.0).sum() / known.sum().clamp_min(
+        1
+    )
     slopes = []
     for step in (1, 2, 4):
         for dim in (1, 2):

@@ -260,31 +260,29 @@ def from_ranges(
     )
 
 
-def from_estimate(estimate: DepthEstimate, scale: Scale | None = None) -> Observation:
+def from_estimate(estimate: DepthEstimate) -> Observation:
     """What a depth network tells of a picture, with the errors that it claims.
 
     Args:
-        estimate: from `naris.locate.depth`.
-        scale: another one than the prior that the network gives.
+        estimate: from `naris.locate.depth`. The scale has the prior that the network gives.
 
     Raises:
         InputError: if it tells too little.
     """
     known = np.isfinite(estimate.ranges_mm)
     ranges, n = estimate.ranges_mm[known], int(known.sum())
-    scale = Scale("prior", 1.0, estimate.scale_sd_log) if scale is None else scale
     return _checked(
         Observation(
             origins=np.zeros((n, 3)),
             directions=estimate.rays[known],
             ranges=ranges,
             radial=ranges * np.hypot(estimate.sd_log[known], 0.12 * estimate.smooth),
-            isotropic=np.full(n, _ROUNDED_MM / scale.middle),
+            isotropic=np.full(n, _ROUNDED_MM),
             view=np.zeros(n, np.int64),
             outliers=_NETWORK_OUTLIERS,
             smooth=estimate.smooth,
             reach_deg=estimate.reach_deg,
-            scale=scale,
+            scale=Scale("prior", 1.0, estimate.scale_sd_log),
             by_network=True,
         )
     )

@@ -22,7 +22,7 @@ from naris.core.pose import CAMERA, Pose
 from naris.core.results import DepthEstimate, Registration
 from naris.register.confidence import Evidence, chance_within
 from naris.register.map import RegistrationMap
-from naris.register.observation import Observation, Scale, from_estimate
+from naris.register.observation import Observation, from_estimate
 from naris.register.register import RegisterConfig, covariance_of, search
 from naris.register.shading import Shaded, Shading
 from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, alike, different
@@ -31,6 +31,7 @@ from naris.render.scene import Scene
 
 FITTED = "confidence_pictures.json"
 _MOST_MARGIN, _MOST_OFF = 60.0, 3.0
+_LEAST_EXPLAINED, _HARDLY, _LEAST_ROOM_MM = 0.6, 0.02, 0.3
 _LOOSE_MM, _LOOSE_RAD = 4.0, 0.2
 """How far shading may move a pose from where depth has it: the errors of the network are larger than what it says."""
 
@@ -138,7 +139,6 @@ def register_picture(
     seen: tuple[UInt8[np.ndarray, "h w 3"], Intrinsics, DepthEstimate],
     belief: Belief = NOTHING,
     config: PictureConfig = PictureConfig(),
-    scale: Scale | None = None,
 ) -> Registration:
     """Find `anatomy_T_camera` of the camera that took a picture.
 
@@ -148,17 +148,20 @@ def register_picture(
         seen: the frame (H, W, 3) sRGB, its camera, and how far away a network (`naris.locate.depth`) says walls are.
         belief: what is known beforehand of region or pose.
         config: how much is tried.
-        scale: another one of the network's ranges than it says.
+
+    Returns:
+        as of `naris.register.register.register`; the scale is what ranges of the network are to be multiplied with, as
+        depth has it before shading moves the pose.
 
     Raises:
         ImageError: if frame and camera differ in size.
         PoseError, RegionError, InputError: as `naris.register.register.register`.
     """
     frame, intrinsics, estimate = seen
-    observation = from_estimate(estimate, scale)
+    observation = from_estimate(estimate)
     evidence = looked_at(at, Shading(scene, frame, intrinsics), observation, belief, config)
     chance, best = probability(evidence), evidence.places[0]
-    reason = evidence.refusal(chance, config.search.least_probability)
+    reason = _astray(at, belief, best.shaded.pose) or evidence.refusal(chance, config.search.least_probability)
     poses = [one.shaded.pose for one in evidence.places]
     return Registration(
         anatomy_T_camera=poses[0] if reason is None else None,
@@ -208,7 +211,17 @@ def probability(evidence: PictureEvidence) -> float:
     """Of being within 2 mm and 5° of the truth, for patients, looks and wrong patients as in the simulated trials."""
     file = _file()
     score = float(evidence.features @ np.array(file["weights"]) + file["bias"])
-    return float(1 / (1 + np.exp(-np.clip(score, -30, 30))))
+    chance = float(1 / (1 + np.exp(-np.clip(score, -30, 30))))
+    return min(chance, _HARDLY) if evidence.depth.explained < _LEAST_EXPLAINED else chance
+
+
+def _astray(at: RegistrationMap, belief: Belief, pose: Pose) -> str | None:
+    """Why no camera can be where shading has moved it; None where it can."""
+    if float(at.distance(pose.position_mm)) < _LEAST_ROOM_MM:
+        return "the best pose is in a wall: the picture fits no place of this anatomy; give depth, or another view"
+    if float(belief.chance(pose.position_mm[None])[0]) <= 0:
+        return "the best pose is in none of the regions that were named; give depth, or no region"
+    return None
 
 
 def covariance_factor() -> float:

@@ -74,8 +74,15 @@ def register(
     Raises:
         PoseError: if believed poses are in another frame.
         RegionError: if no believed region has room for a camera.
-        InputError: if the method cannot be used on what was seen, or it lies further away than the anatomy is long.
+        InputError: if the method cannot be used on what was seen, or it lies further away than the anatomy is long; of
+            ranges from `from_estimate`, for which the probability was not fitted.
     """
+    if observation.by_network:
+        raise InputError(
+            "depth or points",
+            "ranges that a network told from a picture",
+            "use naris.register.picture.register_picture",
+        )
     return _chosen(at, observation, search(at, observation, belief, config), config)
 
 

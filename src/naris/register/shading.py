@@ -69,7 +69,7 @@ class Reshaded:
 
     Attributes:
         registration: with pose and covariance as they are with the frame; as it was where that is not shaded as walls
-            in front of a light are.
+            in front of a light are, or no pose near is better.
         used: whether it is.
         moved_mm, moved_deg: from the pose without it.
         cost: of the frame before and after, `Shaded.cost`.
@@ -100,7 +100,8 @@ def reshaded(scene: Scene, found: Registration, frame: UInt8[np.ndarray, "h w 3"
     information = np.linalg.inv(found.covariance)
     before = shading.cost(found.best)
     made = shading.refined(found.best, information)
-    if made.contrast < _LEAST_CONTRAST:
+    by = (found.best.inverse() @ made.pose).log()
+    if made.contrast < _LEAST_CONTRAST or made.cost + by @ information @ by > before:
         return Reshaded(found, False, 0.0, 0.0, (before, before))
     moved = replace(
         found,
@@ -108,7 +109,6 @@ def reshaded(scene: Scene, found: Registration, frame: UInt8[np.ndarray, "h w 3"
         anatomy_T_camera=None if found.anatomy_T_camera is None else made.pose,
         covariance=np.linalg.inv(made.precision + information),
     )
-    by = (found.best.inverse() @ made.pose).log()
     off_mm, off_deg = float(np.linalg.norm(by[:3])), float(np.rad2deg(np.linalg.norm(by[3:])))
     return Reshaded(moved, True, off_mm, off_deg, (before, made.cost))
 

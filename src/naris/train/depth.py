@@ -306,11 +306,9 @@ class _Training:
     def _restore(self, about: dict[str, Any], tensors: Tensors) -> None:
         if about.get("of") != self.lessons.identity:
             raise CheckpointError("the state of this training", "that of another", f"remove {self.out} to start anew")
-        state = {
-            n.removeprefix(_NETWORK): torch.from_numpy(v.copy()) for n, v in tensors.items() if n.startswith(_NETWORK)
-        }
-        self.network.load_state_dict(state)
-        self.optimiser.restore({n.removeprefix(_OPTIMISER): v for n, v in tensors.items() if n.startswith(_OPTIMISER)})
+        of_network, of_optimiser = _under(_NETWORK, tensors), _under(_OPTIMISER, tensors)
+        self.network.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in of_network.items()})
+        self.optimiser.restore(of_optimiser)
         for i, mean in enumerate(self.average):
             mean.copy_(torch.from_numpy(np.array(tensors[f"{_AVERAGE}{i}"])))
         self.history = tensors[_HISTORY].tolist()

@@ -1,0 +1,55 @@
+"""The benchmarks of pictures alone, in small: all that was tried is counted, and what a real shot is compared with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from naris.bench import BenchRequest, pictures, shot
+from naris.core.camera import Intrinsics
+from naris.core.results import DepthEstimate
+
+
+@pytest.mark.slow
+def test_a_quick_run_counts_all_that_was_tried() -> None:
+    told = {one.name: one for one in pictures.figures(BenchRequest(True, only="pictures"))}
+    n = pictures.QUICK_PATIENTS * pictures.QUICK_VIEWS
+    for kind in (pictures.NONE, pictures.REGION):
+        assert told[f"register.picture.{kind}.success"].n == n
+        assert (told[f"register.picture.{kind}.cpu_s"].value or 0) > 0
+    accepted = told["register.picture.accepted"]
+    assert told["register.picture.false_accept"].n == round((accepted.value or 0) * accepted.n)
+    assert (told["register.picture.wrong_patient.refused"].value or 0) >= 0.6
+
+
+def test_without_the_shot_its_figures_have_no_value(tmp_path: Path) -> None:
+    told = shot.figures(BenchRequest(True, scans=tmp_path, only="shot"))
+    assert [one.value for one in told] == [None] * 4
+
+
+def seen(ranges: np.ndarray) -> tuple[DepthEstimate, np.ndarray]:
+    """What a network tells, and points that lie so far away in half that unit."""
+    rays = Intrinsics.from_vertical_fov(24, 24, 60.0).rays()
+    none = np.full(ranges.shape, 0.1)
+    return DepthEstimate(rays, ranges, none, 0.1, 20.0, 0.2), (0.5 * rays * ranges[..., None]).reshape(-1, 3)[::7]
+
+
+def test_ranges_of_another_unit_are_alike() -> None:
+    ranges = np.random.default_rng(0).uniform(3.0, 20.0, (24, 24))
+    estimate, points = seen(ranges)
+    correlation, off, spread = shot.alike(estimate, points)
+    assert correlation == pytest.approx(1.0)
+    assert off == pytest.approx(0.0, abs=1e-9)
+    assert spread > 0.1
+
+
+def test_ranges_of_something_else_are_not() -> None:
+    rng = np.random.default_rng(0)
+    estimate, _ = seen(rng.uniform(3.0, 20.0, (24, 24)))
+    _, points = seen(rng.uniform(3.0, 20.0, (24, 24)))
+    correlation, off, spread = shot.alike(estimate, points)
+    assert abs(correlation) < 0.35
+    assert off > spread
+    assert all(np.isnan(shot.alike(estimate, points[:5])))
