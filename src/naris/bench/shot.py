@@ -33,7 +33,7 @@ def figures(request: BenchRequest) -> list[Figure]:
     if folder is None or not all((folder / name).is_file() for name in SHOT_FILES):
         return [*_of_depth(np.zeros((0, 3))), Figure("register.picture.shot.refused", None, "1", 0, "higher")]
     made = read_reconstruction(folder)
-    frames = sorted(folder.glob("*.jpg"))[:: 12 if request.quick else 1]
+    frames = sorted(folder.glob("[0-9]*.jpg"))[:: 12 if request.quick else 1]
     noses = [built_in_nose()]
     if request.scans is not None and (request.scans / MEAN).is_file() and not request.quick:
         noses.append(read_surface(request.scans / MEAN))
