@@ -112,3 +112,18 @@ def test_a_frame_of_another_size_and_a_black_one_are_refused(scene: Scene) -> No
         Shading(scene, np.zeros((100, 120, 3), np.uint8), EYE)
     with pytest.raises(ImageError, match="100% of it black"):
         Shading(scene, np.zeros((FRAME_PX, FRAME_PX, 3), np.uint8), EYE)
+
+
+def test_frames_of_other_places_are_told_from_the_right_ones(
+    scene: Scene, trials: list[Trial], pictures: np.ndarray
+) -> None:
+    """Held where depth has them, poses are moved by the right frames, and by some of the others not at all."""
+    tight = np.diag([0.1**2] * 3 + [0.005**2] * 3)
+    begun = [replace(registered(trial.anatomy_T_camera), covariance=tight) for trial in trials]
+    right = [reshaded(scene, one, picture, EYE).used for one, picture in zip(begun, pictures, strict=True)]
+    other = [
+        reshaded(scene, one, picture, EYE) for one, picture in zip(begun, np.roll(pictures, 1, axis=0), strict=True)
+    ]
+    assert all(right)
+    assert not all(one.used for one in other)
+    assert all(one.registration is start for one, start in zip(other, begun, strict=True) if not one.used)

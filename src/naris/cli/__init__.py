@@ -39,7 +39,7 @@ VERBS: Mapping[str, Verb] = {
     "evaluate": Verb("naris.cli.evaluate", "how good a model is: accuracy, confusion, calibration, pose errors"),
     "locate": Verb("naris.cli.locate", "region and pose of any picture, or that it cannot be told"),
     "register": Verb(
-        "naris.cli.register", "the camera's pose in an anatomy from depth or points, or that it is unsure"
+        "naris.cli.register", "the camera's pose in an anatomy from depth, points or a picture, or that it is unsure"
     ),
     "bench": Verb("naris.cli.bench", "measure the figures that the documents quote"),
     "fetch": Verb("naris.cli.fetch", "download public data with pinned digests: mean-nose"),

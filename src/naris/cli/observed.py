@@ -102,12 +102,10 @@ def _check_frame_alone(options: Options) -> None:
         raise InputError(
             "one of --depth, --rig and --cloud with a shape", "a --frame alone", "give what the camera saw"
         )
-    if options.contours or options.shading:
-        raise InputError(
-            "--contours or --shading beside --depth, --rig or --cloud",
-            "a --frame alone",
-            "leave it out: shading is used",
-        )
+    for name, given in (("--contours", options.contours), ("--shading", options.shading)):
+        if given:
+            why = "leave it out: shading is used"
+            raise InputError(f"{name} beside --depth, --rig or --cloud", "a --frame alone", why)
     if options.method != "naris":
         raise InputError("--method naris with a --frame alone", f"--method {options.method}", "leave --method out")
 
@@ -148,7 +146,9 @@ def _picture(options: Options, intrinsics: Intrinsics) -> Seen:
 
     if options.frame is None:
         raise InputError(_ONE_OF, "none", "give what the camera saw")
-    estimate = open_depth().estimate(read_picture(options.frame), intrinsics)
+    picture = read_picture(options.frame)
+    _check_size(picture, intrinsics)
+    estimate = open_depth().estimate(picture, intrinsics)
     return Seen(from_estimate(estimate), intrinsics, estimate=estimate)
 
 
@@ -219,17 +219,22 @@ def ground_of(options: Options, seen: Seen) -> np.ndarray | None:
         ImageError: if the frame is not of the size that the intrinsics say.
     """
     from naris.core.pictures import read_picture
-    from naris.errors import ImageError
     from naris.register.look import shaded
 
     camera = seen.intrinsics
     if camera is None or options.frame is None:
         return None if seen.depth is None else shaded(seen.depth)
     picture = read_picture(options.frame)
+    _check_size(picture, camera)
+    return picture
+
+
+def _check_size(picture: np.ndarray, camera: Intrinsics) -> None:
+    from naris.errors import ImageError
+
     if picture.shape[:2] != (camera.height, camera.width):
         raise ImageError(
             f"a picture of {camera.width}×{camera.height} pixels, as the intrinsics say",
             f"{picture.shape[1]}×{picture.shape[0]}",
-            "give the frame that was registered",
+            "give the frame that was registered, or the intrinsics of this one",
         )
-    return picture

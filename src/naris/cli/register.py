@@ -77,7 +77,7 @@ class Options:
     """The region set that --region is of; by default the anatomy's first."""
     frame: Annotated[IfGiven[Path], tyro.conf.arg(metavar="PICTURE")] = None
     """The picture, of several the first: for a model to say where it was taken, and to draw the walls on. Without
-    depth or points a network that ships with naris says how far away its walls are; most such poses are refused."""
+    depth or points a network that ships with naris says how far away its walls are; many such poses are refused."""
     model: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-m"], metavar="MODEL")] = None
     """Weights made by naris train on this anatomy; they say where to begin. With --frame."""
     contours: bool = False
@@ -291,9 +291,8 @@ def _text(data: dict[str, Any]) -> str:
             f"  by edges of the frame: {moved}, {edges['edges']} places on edges of walls have one beside them"
         )
     if (shading := data["shading"]) is not None:
-        moved = (
-            f"moved by {shading['moved_mm']:.2f} mm and {shading['moved_deg']:.1f}°" if shading["used"] else "not moved"
-        )
-        lines.append(f"  by the shading of the frame: {moved}")
+        moved = f"moved by {shading['moved_mm']:.2f} mm and {shading['moved_deg']:.1f}°"
+        other = "not moved, it is not shaded as the walls there: see that it is the right one"
+        lines.append(f"  by the shading of the frame: {moved if shading['used'] else other}")
     lines += [f"  kept in {file}" for file in data.get("files", [])]
     return "\n".join(lines)

@@ -469,7 +469,11 @@ def _checked(observation: Observation) -> Observation:
     scale = observation.scale
     median = float(np.median(observation.ranges))
     if scale.kind != "unknown" and not _NEAR_MM <= median * scale.factor <= _FAR_MM:
-        hint = "multiply by 1000 if they are in metres" if median * scale.factor < _NEAR_MM else "check the unit"
+        hint = (
+            "multiply by 1000 if they are in metres"
+            if median * scale.factor < _NEAR_MM
+            else "check the unit: what a step of a depth image is (--depth-unit-mm), or a unit of the points"
+        )
         raise InputError(
             f"distances of {_NEAR_MM:g} to {_FAR_MM:g} mm", f"a median of {median * scale.factor:.3g}", hint
         )

@@ -36,6 +36,7 @@ _PIXELS = 300.0  # neighbours err alike, and where mucosa is pale: the picture c
 _CONTRAST_SD, _LEVEL_SD, _FIELD_SD = 1.0, 3.0, 0.5
 _NUDGE = np.array([0.15, 0.15, 0.15, 0.01, 0.01, 0.01])  # mm and rad, either way: well above the size of a pixel
 _LEAST_CONTRAST = 0.3
+_STRANGE = 45.0  # what a frame of another place costs, or more; the right one 5 to 20
 _ROUNDS = 4
 _DAMPING, _TRIES = 1e-2, 3
 
@@ -68,8 +69,8 @@ class Reshaded:
     """What became of a registration.
 
     Attributes:
-        registration: with pose and covariance as they are with the frame; as it was where that is not shaded as walls
-            in front of a light are, or no pose near is better.
+        registration: with pose and covariance as they are with the frame; as it was where that is not shaded as the
+            walls there are, or no pose near is better.
         used: whether it is.
         moved_mm, moved_deg: from the pose without it.
         cost: of the frame before and after, `Shaded.cost`.
@@ -101,8 +102,8 @@ def reshaded(scene: Scene, found: Registration, frame: UInt8[np.ndarray, "h w 3"
     before = shading.cost(found.best)
     made = shading.refined(found.best, information)
     by = (found.best.inverse() @ made.pose).log()
-    if made.contrast < _LEAST_CONTRAST or made.cost + by @ information @ by > before:
-        return Reshaded(found, False, 0.0, 0.0, (before, before))
+    if made.contrast < _LEAST_CONTRAST or made.cost > _STRANGE or made.cost + by @ information @ by > before:
+        return Reshaded(found, False, 0.0, 0.0, (before, made.cost))
     moved = replace(
         found,
         best=made.pose,
