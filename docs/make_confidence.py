@@ -17,7 +17,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -77,15 +77,10 @@ class Row(NamedTuple):
 
 def main(part: int = 0, parts: int = 1) -> None:
     """Trials of every `parts`-th patient, then the fit if all are there."""
-    begun = time.perf_counter()
-    for number in range(part, PATIENTS, parts):
-        if not _kept(number).is_file():
-            write_json(_kept(number), [row.to_json() for row in of_patient(number)])
-            print(f"patient {number + 1} of {PATIENTS}, {time.perf_counter() - begun:.0f} s", file=sys.stderr)
-    if not all(_kept(number).is_file() for number in range(PATIENTS)):
+    columns = trials(part, parts, PATIENTS, _kept, lambda number: [row.to_json() for row in of_patient(number)])
+    if columns is None:
         return
-    done = [(number, *row) for number in range(PATIENTS) for row in json.loads(_kept(number).read_text())]
-    of, kind, features, right, normalised = (np.array(column) for column in zip(*done, strict=True))
+    of, kind, features, right, normalised = columns
     x, y, w = features, right.astype(float), np.array([WEIGHTS[one] for one in kind])
     _tell_left_out(of, kind, x, y, w)
     weights, bias = fit_logistic(x, y, w, RIDGE)
@@ -106,6 +101,28 @@ def main(part: int = 0, parts: int = 1) -> None:
             "covariance": _of_covariance(kind, right, normalised),
         },
     )
+
+
+def trials(
+    part: int, parts: int, patients: int, kept: Callable[[int], Path], made: Callable[[int], list[list[object]]]
+) -> list[np.ndarray] | None:
+    """The columns of all patients' rows, their number first; None while some patients of other parts are missing.
+
+    Args:
+        part, parts: every `parts`-th patient is done here, from number `part` on.
+        patients: how many there are.
+        kept: the file of a patient by number; what it holds is not done again.
+        made: the rows of a patient.
+    """
+    begun = time.perf_counter()
+    for number in range(part, patients, parts):
+        if not kept(number).is_file():
+            write_json(kept(number), made(number))
+            print(f"patient {number + 1} of {patients}, {time.perf_counter() - begun:.0f} s", file=sys.stderr)
+    if not all(kept(number).is_file() for number in range(patients)):
+        return None
+    done = [(number, *row) for number in range(patients) for row in json.loads(kept(number).read_text())]
+    return [np.array(column) for column in zip(*done, strict=True)]
 
 
 def of_patient(number: int) -> Iterator[Row]:

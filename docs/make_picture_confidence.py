@@ -12,12 +12,11 @@ small ridge; and covariances by the equations are held against the errors of rig
 
 from __future__ import annotations
 
-import json
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
+from make_confidence import trials
 
 import naris
 from naris.anatomy.builtin.variation import virtual_patient
@@ -39,15 +38,10 @@ WEIGHTS = {NONE: 1.0, REGION: 1.0, OTHER: 1.0, STRANGE: 1.0}
 
 def main(part: int = 0, parts: int = 1) -> None:
     """Trials of every `parts`-th patient, then the fit if all are there."""
-    begun = time.perf_counter()
-    for number in range(part, PATIENTS, parts):
-        if not _kept(number).is_file():
-            write_json(_kept(number), of_patient(number))
-            print(f"patient {number + 1} of {PATIENTS}, {time.perf_counter() - begun:.0f} s", file=sys.stderr)
-    if not all(_kept(number).is_file() for number in range(PATIENTS)):
+    columns = trials(part, parts, PATIENTS, _kept, of_patient)
+    if columns is None:
         return
-    done = [(number, *row) for number in range(PATIENTS) for row in json.loads(_kept(number).read_text())]
-    of, kind, features, right, normalised = (np.array(column) for column in zip(*done, strict=True))
+    of, kind, features, right, normalised = columns
     x, y, w = features, right.astype(float), np.array([WEIGHTS[one] for one in kind])
     _tell_left_out(of, kind, x, y, w)
     weights, bias = fit_logistic(x, y, w, RIDGE)

@@ -95,12 +95,7 @@ def sharpened(
     Raises:
         ImageError: if frame and intrinsics differ in size.
     """
-    if frame.shape[:2] != (intrinsics.height, intrinsics.width):
-        raise ImageError(
-            f"a frame of {intrinsics.width}×{intrinsics.height} pixels, as the intrinsics say",
-            f"{frame.shape[1]}×{frame.shape[0]}",
-            "give the frame as that camera took it",
-        )
+    check_size(frame, intrinsics)
     picture, information = _picture(frame), np.linalg.inv(found.covariance)
     pose, twist = found.best, np.zeros(6)
     edges = first = _edges(scene, pose, picture, intrinsics, _REACH[0])
@@ -146,6 +141,20 @@ def _picture(frame: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w"]:
         around = cv2.dilate(black.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
         picture[around] = np.nan
     return np.asarray(picture, dtype=np.float32)
+
+
+def check_size(frame: UInt8[np.ndarray, "h w 3"], intrinsics: Intrinsics) -> None:
+    """See that a frame has the size that its intrinsics say.
+
+    Raises:
+        ImageError: if not.
+    """
+    if frame.shape[:2] != (intrinsics.height, intrinsics.width):
+        raise ImageError(
+            f"a frame of {intrinsics.width}×{intrinsics.height} pixels, as the intrinsics say",
+            f"{frame.shape[1]}×{frame.shape[0]}",
+            "give the frame as that camera took it",
+        )
 
 
 def black_border(frame: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:

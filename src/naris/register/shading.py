@@ -22,7 +22,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import Registration
 from naris.errors import ImageError
-from naris.register.contour import black_border
+from naris.register.contour import black_border, check_size
 from naris.render.appearance import Appearance
 from naris.render.instrument import Light, Sensor
 from naris.render.material import Uniform
@@ -145,12 +145,7 @@ class Shading:
     """
 
     def __init__(self, scene: Scene, frame: UInt8[np.ndarray, "h w 3"], intrinsics: Intrinsics) -> None:
-        if frame.shape[:2] != (intrinsics.height, intrinsics.width):
-            raise ImageError(
-                f"a frame of {intrinsics.width}×{intrinsics.height} pixels, as the intrinsics say",
-                f"{frame.shape[1]}×{frame.shape[0]}",
-                "give the frame as that camera took it",
-            )
+        check_size(frame, intrinsics)
         shrink = min(_PX / max(intrinsics.width, intrinsics.height), 1.0)
         self._camera = intrinsics.resized(*(max(round(shrink * n), 8) for n in (intrinsics.width, intrinsics.height)))
         size = (self._camera.width, self._camera.height)
