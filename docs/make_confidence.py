@@ -14,10 +14,8 @@ poses.
 
 from __future__ import annotations
 
-import json
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +24,7 @@ import numpy as np
 
 import naris
 from naris.anatomy.builtin.variation import virtual_patient
+from naris.bench.fits import trials
 from naris.bench.register import solver_digest
 from naris.bench.trials import FREE_POINTS, NOISES, Trial, drawn_trials, neighbours_of
 from naris.core.atomic import write_json
@@ -101,28 +100,6 @@ def main(part: int = 0, parts: int = 1) -> None:
             "covariance": _of_covariance(kind, right, normalised),
         },
     )
-
-
-def trials(
-    part: int, parts: int, patients: int, kept: Callable[[int], Path], made: Callable[[int], list[list[object]]]
-) -> list[np.ndarray] | None:
-    """The columns of all patients' rows, their number first; None while some patients of other parts are missing.
-
-    Args:
-        part, parts: every `parts`-th patient is done here, from number `part` on.
-        patients: how many there are.
-        kept: the file of a patient by number; what it holds is not done again.
-        made: the rows of a patient.
-    """
-    begun = time.perf_counter()
-    for number in range(part, patients, parts):
-        if not kept(number).is_file():
-            write_json(kept(number), made(number))
-            print(f"patient {number + 1} of {patients}, {time.perf_counter() - begun:.0f} s", file=sys.stderr)
-    if not all(kept(number).is_file() for number in range(patients)):
-        return None
-    done = [(number, *row) for number in range(patients) for row in json.loads(kept(number).read_text())]
-    return [np.array(column) for column in zip(*done, strict=True)]
 
 
 def of_patient(number: int) -> Iterator[Row]:

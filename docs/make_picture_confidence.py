@@ -16,10 +16,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from make_confidence import trials
 
 import naris
 from naris.anatomy.builtin.variation import virtual_patient
+from naris.bench.fits import trials
 from naris.bench.pictures import NONE, OTHER, PICTURE_SOLVER, REGION, STRANGE, registered, shots
 from naris.bench.register import solver_digest
 from naris.core.atomic import write_json
