@@ -27,6 +27,7 @@ from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench.fits import trials
 from naris.bench.register import solver_digest
 from naris.bench.trials import FREE_POINTS, NOISES, Trial, drawn_trials, neighbours_of
+from naris.cli.console import console_for
 from naris.core.atomic import write_json
 from naris.core.pose import distance
 from naris.evaluate.logistic import fit_logistic
@@ -76,7 +77,14 @@ class Row(NamedTuple):
 
 def main(part: int = 0, parts: int = 1) -> None:
     """Trials of every `parts`-th patient, then the fit if all are there."""
-    columns = trials(part, parts, PATIENTS, _kept, lambda number: [row.to_json() for row in of_patient(number)])
+    columns = trials(
+        part,
+        parts,
+        PATIENTS,
+        _kept,
+        lambda number: [row.to_json() for row in of_patient(number)],
+        console_for(set()).progress,
+    )
     if columns is None:
         return
     of, kind, features, right, normalised = columns

@@ -22,6 +22,7 @@ from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench.fits import trials
 from naris.bench.pictures import NONE, OTHER, PICTURE_SOLVER, REGION, STRANGE, registered, shots
 from naris.bench.register import solver_digest
+from naris.cli.console import console_for
 from naris.core.atomic import write_json
 from naris.core.provenance import file_digest
 from naris.evaluate.logistic import fit_logistic
@@ -38,7 +39,7 @@ WEIGHTS = {NONE: 1.0, REGION: 1.0, OTHER: 1.0, STRANGE: 1.0}
 
 def main(part: int = 0, parts: int = 1) -> None:
     """Trials of every `parts`-th patient, then the fit if all are there."""
-    columns = trials(part, parts, PATIENTS, _kept, of_patient)
+    columns = trials(part, parts, PATIENTS, _kept, of_patient, console_for(set()).progress)
     if columns is None:
         return
     of, kind, features, right, normalised = columns
