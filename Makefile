@@ -14,7 +14,7 @@ PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile --no-loads
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python; do \
 	if $$python -c '$(SUITABLE)' 2>/dev/null; then echo $$python; break; fi; done)
 
-.PHONY: help demo test coverage quick slicer lint format clean
+.PHONY: help demo test coverage quick long slicer lint format clean
 
 help:  ## this list
 	@grep -E '^[a-z]+: .*##' Makefile | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 14
@@ -22,14 +22,17 @@ help:  ## this list
 demo: .venv/.compiled  ## a nose, pictures of it, a network trained on them, a report: about five minutes
 	$(BIN)/naris demo
 
-test: lint  ## all checks and all tests
+test: lint  ## all checks, and all tests but the long ones
 	$(PYTEST)
 
-coverage: .venv/.installed-dev  ## all tests, and which lines none of them reaches (an eighth slower)
-	$(PYTEST) --cov --cov-report=term
+coverage: .venv/.installed-dev  ## all tests, and which lines none of them reaches (a quarter slower)
+	$(PYTEST) -m "" --cov --cov-report=term
 
 quick: .venv/.installed-dev  ## the tests that take no time
 	$(PYTEST) -m "not slow"
+
+long: .venv/.installed-dev  ## the tests that take too long for every change: benchmarks in small, many noses
+	$(PYTEST) -m long
 
 slicer: .venv/.installed-dev .venv-slicer/.installed  ## what 3D Slicer's own readers make of our files (1 GB)
 	$(BIN)/python -m pytest tests/test_slicer.py

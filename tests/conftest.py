@@ -56,8 +56,12 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ.setdefault("OMP_NUM_THREADS", str(max(len(os.sched_getaffinity(0)) // processes, 1)))
 
 
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files with slow tests come first: processes take files in this order, and none shall begin a long one last."""
+    for item in items:
+        if item.get_closest_marker("long"):
+            item.add_marker(pytest.mark.slow)
     weight = Counter(item.path for item in items)
     weight.update({path: _SLOW * n for path, n in Counter(i.path for i in items if _is_slow(i)).items()})
     items.sort(key=lambda item: -weight[item.path])

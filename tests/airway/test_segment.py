@@ -112,7 +112,7 @@ def test_a_scan_at_an_angle_holds_the_same_nose(scan: Volume, airway: Airway, ax
         assert np.linalg.norm(back - airway.landmarks_mm[name]) < 4, name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("number", [10, 19])
 def test_a_cleft_behind_narrow_slits_is_kept(number: int) -> None:
     """Two drawn noses whose right olfactory cleft was once taken for ethmoid cells."""

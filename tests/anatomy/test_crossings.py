@@ -148,7 +148,7 @@ def test_what_crosses_at_the_beginning_is_left_as_it_was_there() -> None:
     assert np.array_equal(there[faces[wrong.ravel()]], begin[faces[wrong.ravel()]])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_some_noses_within_the_normal_ranges_do_not_cross_themselves() -> None:
     for number in range(4):
         nose = virtual_patient(0, number)

@@ -120,7 +120,7 @@ def test_a_patient_is_whole_and_comes_of_seed_and_number_alone(nose: Anatomy) ->
         assert agreed.tolist() == regions.label(there[:: len(there) - 1]).tolist()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_nasal_cycle_swells_one_side_and_shrinks_the_other(nose: Anatomy) -> None:
     """Air of the left against air of the right: their ratio follows the cycle, and with none of it hardly moves."""
 
@@ -139,7 +139,7 @@ def test_the_nasal_cycle_swells_one_side_and_shrinks_the_other(nose: Anatomy) ->
     assert max(map(folded, found)) < 0.002
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("deformation", [Deformation(), Deformation(amplitude_mm=2.0), Deformation(cycle_mm=1.0)])
 def test_some_patients_do_not_cross_themselves(nose: Anatomy, deformation: Deformation) -> None:
     process = process_around(nose, deformation)
@@ -149,7 +149,7 @@ def test_some_patients_do_not_cross_themselves(nose: Anatomy, deformation: Defor
         assert len(crossings(patient.vertices_mm, patient.faces)) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_displacement_that_would_fold_space_does_not(nose: Anatomy) -> None:
     """In one step it would; walked in several it does not, and goes as far."""
     process = GaussianProcess.around(nose, Deformation(amplitude_mm=3.0, scale_mm=9.0, asymmetry=1.0, cycle_mm=0.0))

@@ -58,7 +58,7 @@ def test_patients_are_of_the_family_and_the_same_again(model: ShapeModel) -> Non
     assert "shape model of 5 patients" in first.source
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_some_noses_drawn_do_not_cross_themselves() -> None:
     model = build_shape_model(simulated_head.nose(), list(virtual_references(3)))
     for number in range(3):

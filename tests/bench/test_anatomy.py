@@ -97,6 +97,7 @@ def test_a_trip_that_finds_no_nose_stops_no_other(monkeypatch: pytest.MonkeyPatc
     assert figures["anatomy.roundtrip.left.nostril_mm"].value == pytest.approx(1.5)
 
 
+@pytest.mark.long
 def test_a_nose_found_in_its_own_scan_is_near_itself() -> None:
     trip = compared(simulated_head.nose(), simulated_head.airway(), simulated_head.found())
     assert trip.off_mm.mean() < 0.15
@@ -117,7 +118,7 @@ def test_a_region_that_is_lost_is_seen() -> None:
     assert shares["right superior meatus and olfactory cleft"] > 0.99
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_expert_labels_of_a_real_scan_are_met(shared_data: Path) -> None:
     assert (shared_data / LABELLED).is_file()
     values = {figure.name.removeprefix("anatomy.p001."): figure.value for figure in _of_labelled(shared_data)}
@@ -129,7 +130,7 @@ def test_expert_labels_of_a_real_scan_are_met(shared_data: Path) -> None:
     assert min(values["right_maxillary_dice"], values["left_maxillary_dice"]) > 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_regions_carried_between_noses() -> None:
     """One target, three references: the very function of the whole benchmark."""
     request = BenchRequest(quick=True)

@@ -140,7 +140,7 @@ def test_beliefs_tell_as_much_as_their_names_say() -> None:
     assert found["truth"].poses.source == CAMERA
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_patient_that_was_broken_off_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[int] = []
     whole = chain_patient.of_frame

@@ -47,7 +47,7 @@ def test_the_starts_and_ends_of_the_peer_are_as_published(runs: dict[str, Run]) 
     assert np.rad2deg(distance(runs["gimlop"].reached, identity)[1]) == pytest.approx(13.46, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_errors_are_at_most_those_that_are_promised(data: Path) -> None:
     told = {one.name: one for one in cissticp.figures(BenchRequest(quick=True, scans=data))}
     for name, goal in GOALS_MM.items():

@@ -7,7 +7,7 @@ import pytest
 from naris.bench import BenchRequest, contours
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_quick_run_tells_the_error_before_and_after() -> None:
     told = {one.name: one for one in contours.figures(BenchRequest(True, only="contours"))}
     for base in (f"register.{name}.{noise}" for name in contours.METHODS for noise in contours.NOISES):

@@ -63,7 +63,7 @@ def test_the_real_shot_is_seen_from_the_camera_of_a_frame() -> None:
     assert np.abs(seen.origins[seen.view == 0]).max() < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_quick_run_measures_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     shared_file(MEAN), shared_file(f"{SHOT}/motion.yaml")
     monkeypatch.setattr(deformable, "VIEWS", 1)

@@ -21,7 +21,7 @@ def test_without_the_trials_or_the_time_there_are_no_values(request_: BenchReque
     assert all(one.value is None and one.n == 0 for one in told)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_all_who_are_there_get_the_same_trials(monkeypatch: pytest.MonkeyPatch) -> None:
     if not has_frozen(DATA):
         pytest.skip(f"no frozen trials at {DATA / FROZEN}")

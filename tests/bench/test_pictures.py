@@ -12,7 +12,7 @@ from naris.core.camera import Intrinsics
 from naris.core.results import DepthEstimate
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_quick_run_counts_all_that_was_tried() -> None:
     told = {one.name: one for one in pictures.figures(BenchRequest(True, only="pictures"))}
     n = pictures.QUICK_PATIENTS * pictures.QUICK_VIEWS

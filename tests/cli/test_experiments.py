@@ -127,7 +127,7 @@ def test_reproduce_ends_with_its_files(
     }
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("few_to_calibrate_with")
 def test_the_demo_benchmark_measures_its_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

@@ -81,7 +81,7 @@ def test_in_another_frame_they_keep_what_they_see_and_learn_where_it_lies() -> N
     np.testing.assert_allclose(there.weights["position_scale_mm"], places.std(axis=0), rtol=0.2, atol=0.3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_noses_differ_from_the_built_in_one(nose: Anatomy) -> None:
     stream = noses_stream(1, 7, 32)
     assert stream.anatomy.digest != nose.digest

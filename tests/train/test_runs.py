@@ -111,10 +111,10 @@ def threads_of(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def test_the_number_of_workers_decides_no_weight(tmp_path: Path) -> None:
-    runs = [train_runs(examples(), SHORT, [0, 1], tmp_path / str(n), workers=n) for n in (1, 2, 3)]
+    runs = [train_runs(examples(), SHORT, [0, 1], tmp_path / str(n), workers=n) for n in (1, 3)]
     for settings in zip(*[[run.settings for run in some] for some in runs], strict=True):
         assert settings[0]["threads"] == 1
-        assert settings[0] == settings[1] == settings[2]
+        assert settings[0] == settings[1]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -125,7 +125,7 @@ def test_a_single_run_has_the_threads_of_its_configuration(tmp_path: Path, threa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("to", ["one process", "all processes"])
+@pytest.mark.parametrize("to", ["one process", pytest.param("all processes", marks=pytest.mark.long)])
 def test_ctrl_c_stops_every_run_with_its_state_written(tmp_path: Path, to: str) -> None:
     """A program sends the signal to the process that it knows, a terminal to all that it started."""
     with two_runs(tmp_path) as child:
