@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from naris.bench import BenchRequest, pictures, shot
-from naris.core.camera import Intrinsics
+from naris.bench.trials import FRAME_PX
+from naris.core.camera import Brown, Intrinsics
 from naris.core.results import DepthEstimate
+from naris.locate.depth import FOV_DEG
 
 
 @pytest.mark.long
@@ -22,6 +24,17 @@ def test_a_quick_run_counts_all_that_was_tried() -> None:
     accepted = told["register.picture.accepted"]
     assert told["register.picture.false_accept"].n == round((accepted.value or 0) * accepted.n)
     assert (told["register.picture.wrong_patient.refused"].value or 0) >= 0.6
+
+
+def test_lenses_are_those_that_the_network_knows_and_show_all_of_their_picture() -> None:
+    rng = np.random.default_rng(0)
+    lenses = [pictures.lens(rng) for _ in range(60)]
+    angles = np.array([one.vertical_fov_deg for one in lenses])
+    assert FOV_DEG[0] < angles.min() < 50 and 80 < angles.max() < FOV_DEG[1]
+    assert {one.height for one in lenses} == {FRAME_PX}
+    assert len({one.width for one in lenses}) == len(pictures.SHAPES)
+    assert all(np.isfinite(one.rays()).all() for one in lenses)
+    assert 10 < sum(isinstance(one.lens, Brown) for one in lenses) < 50
 
 
 def test_without_the_shot_its_figures_have_no_value(tmp_path: Path) -> None:

@@ -104,7 +104,9 @@ def test_the_black_frame_of_an_endoscope_is_no_shadow(scene: Scene, trials: list
     y, x = np.mgrid[:FRAME_PX, :FRAME_PX] - (FRAME_PX - 1) / 2
     inside = (np.hypot(x, y) < 0.48 * FRAME_PX)[..., None]
     masked = np.where(inside, bare(scene, truth), np.uint8(0))
-    assert Shading(scene, masked, EYE).cost(truth) < 4.0
+    shading = Shading(scene, masked, EYE)
+    assert shading.cost(truth) < 1.0
+    assert off(shading.refined(truth, np.linalg.inv(LOOSE)).pose, truth) < 0.05
 
 
 def test_a_frame_of_another_size_and_a_black_one_are_refused(scene: Scene) -> None:

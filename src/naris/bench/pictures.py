@@ -1,7 +1,7 @@
 """Registrations from a picture alone: how far away walls are, a network tells (`naris.locate.depth`).
 
-Views of virtual patients as those of `naris.bench.trials`, pictures of patients and under looks that no training had.
-What another patient's picture and a picture of something else come to is counted as well.
+Views of virtual patients as those of `naris.bench.trials`, each by a lens of its own (`lens`), of patients and looks
+that no training had. What another patient's picture and a picture of something else come to is counted as well.
 """
 
 from __future__ import annotations
@@ -9,15 +9,18 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench import BenchRequest
 from naris.bench.result import Better, Figure, wilson
-from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, Trial, drawn_trials, frames
+from naris.bench.trials import FRAME_PX, Trial, drawn_trials, frame
 from naris.core.anatomy import Anatomy
+from naris.core.camera import Brown, Intrinsics, Pinhole
 from naris.core.pose import distance
 from naris.core.results import Registration
 from naris.evaluate.score import auroc, normalised_square, reliability
@@ -30,7 +33,6 @@ from naris.render.scene import Scene
 from naris.train.strangers import strangers
 
 PATIENTS, VIEWS, QUICK_PATIENTS, QUICK_VIEWS = 16, 10, 1, 2
-CAMERA = CAMERA_OF_TRIALS.resized(FRAME_PX, FRAME_PX)
 NONE, REGION, OTHER, STRANGE = "none", "region", "other", "strange"
 """From nothing; from the true region; another patient's anatomy; a picture of something else."""
 
@@ -44,6 +46,10 @@ PICTURE_SOLVER = (
 )
 """Sources that decide where a registration of a picture ends, beside those of every registration."""
 
+SHAPES = ((1.0, (42.0, 90.0)), (4 / 3, (42.0, 80.0)), (16 / 9, (42.0, 65.0)))
+"""Width over height of pictures, and how high lenses for these see (degrees)."""
+
+_BARREL = 0.14  # at most so much of the way to the corner: from 4/27 on its ends bend out of view
 _SEEDS = 7_000_000  # of the patients, apart from those of the fits and the other benchmarks
 _STRANGE_EACH = 5
 _DARK = 40
@@ -81,50 +87,62 @@ class Pictured:
 
 @dataclass(frozen=True, eq=False)
 class Shots:
-    """Pictures of a patient, prepared, with their trials, and another patient."""
+    """Pictures of a patient, prepared, with their trials and lenses, and another patient."""
 
     at: tuple[RegistrationMap, Scene]
     other: tuple[RegistrationMap, Scene]
     trials: list[Trial]
-    images: UInt8[np.ndarray, "n h w 3"]
+    lenses: list[Intrinsics]
+    images: list[UInt8[np.ndarray, "h w 3"]]
 
 
 def shots(nose: Anatomy, other: Anatomy, views: int, seed: int) -> Shots:
     """Of a patient, as the trials are drawn."""
-    trials = drawn_trials(nose, views, seed)
-    return Shots(
-        (registration_map(nose), Scene(nose)),
-        (registration_map(other), Scene(other)),
-        trials,
-        frames(nose, trials, seed),
-    )
+    trials, scene, rng = drawn_trials(nose, views, seed), Scene(nose), np.random.default_rng([seed, 10])
+    lenses = [lens(rng) for _ in trials]
+    images = [frame(scene, trial, camera, rng) for trial, camera in zip(trials, lenses, strict=True)]
+    return Shots((registration_map(nose), scene), (registration_map(other), Scene(other)), trials, lenses, images)
+
+
+def lens(rng: np.random.Generator) -> Intrinsics:
+    """Any that endoscopes have: square to wide pictures, of every angle that the network knows, half of them bent."""
+    shape, angles = SHAPES[rng.integers(len(SHAPES))]
+    height, angle = FRAME_PX, float(rng.uniform(*angles))
+    width = round(shape * height)
+    corner = float(np.hypot(width, height) / height * np.tan(np.deg2rad(angle / 2)))
+    bent = rng.uniform() < 0.5
+    barrel = Brown(k1=-float(rng.uniform(0, _BARREL)) / corner**2)
+    return Intrinsics.from_vertical_fov(width, height, angle, barrel if bent else Pinhole())
 
 
 def registered(shot: Shots, estimator: DepthEstimator, seed: int, others: int = _STRANGE_EACH) -> Iterator[Pictured]:
     """All of a patient: each picture from nothing, from the true region, in another patient; and other things."""
     regions = shot.at[0].anatomy.region_set()
-    for number, (trial, image) in enumerate(zip(shot.trials, shot.images, strict=True)):
+    for number, (trial, *seen) in enumerate(zip(shot.trials, shot.images, shot.lenses, strict=True)):
         name = regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))]
-        yield _one(NONE, shot.at, image, NOTHING, trial, estimator, seed + number)
-        yield _one(REGION, shot.at, image, in_region(regions, name), trial, estimator, seed + number)
-        yield _one(OTHER, shot.other, image, NOTHING, None, estimator, seed + number)
+        yield _one(NONE, shot.at, seen, NOTHING, trial, estimator, seed + number)
+        yield _one(REGION, shot.at, seen, in_region(regions, name), trial, estimator, seed + number)
+        yield _one(OTHER, shot.other, seen, NOTHING, None, estimator, seed + number)
     rng = np.random.default_rng([seed, 9])
-    for image in strangers(others, FRAME_PX, shot.images, rng):
+    familiar = np.stack([cv2.resize(image, (FRAME_PX, FRAME_PX)) for image in shot.images])
+    for image in strangers(others, FRAME_PX, familiar, rng):
         if image.max() > _DARK:  # a black one is no picture, and is said to be none
-            yield _one(STRANGE, shot.at, image, NOTHING, None, estimator, seed)
+            camera = Intrinsics.from_vertical_fov(FRAME_PX, FRAME_PX, float(rng.uniform(*SHAPES[0][1])))
+            yield _one(STRANGE, shot.at, (image, camera), NOTHING, None, estimator, seed)
 
 
 def _one(
     kind: str,
     at: tuple[RegistrationMap, Scene],
-    image: UInt8[np.ndarray, "h w 3"],
+    picture: Sequence[Any],
     belief: Belief,
     trial: Trial | None,
     estimator: DepthEstimator,
     seed: int,
 ) -> Pictured:
     begun = time.process_time()
-    seen = image, CAMERA, estimator.estimate(image, CAMERA)
+    image, camera = picture
+    seen = image, camera, estimator.estimate(image, camera)
     result = register_picture(*at, seen, belief, PictureConfig(replace(SEARCH, seed=seed)))
     spent = time.process_time() - begun
     if trial is None:

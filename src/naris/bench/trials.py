@@ -146,6 +146,13 @@ def frames(anatomy: Anatomy, trials: Sequence[Trial], seed: int) -> UInt8[np.nda
     return cast(np.ndarray, render(Scene(anatomy), poses, camera, looks, want=("rgb",), seeds=seeds).rgb)
 
 
+def frame(scene: Scene, trial: Trial, camera: Intrinsics, rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
+    """What another camera sees where that of the trial is, under a look that no training had."""
+    look, seed = UNSEEN_APPEARANCE.sample(rng), rng.integers(2**31, size=1)
+    poses = trial.anatomy_T_camera.reshape(1)
+    return cast(np.ndarray, render(scene, poses, camera, [look], want=("rgb",), seeds=seed).rgb)[0]
+
+
 def _poses(anatomy: Anatomy, count: int, rng: np.random.Generator) -> Pose:
     at = registration_map(anatomy)
     places = at.places_mm[at.distance(at.places_mm) >= _ROOM_MM]

@@ -31,6 +31,7 @@ from naris.render.scene import Scene, render
 _PX = 96  # of the longer side: what is smaller than a pixel of that is texture, not shape
 _LEVELS = ((4.0, 8), (1.5, 6))  # blur in pixels, and steps
 _DARK = 8.0  # grey levels, added before the logarithm: noise is no contrast
+_LEAST_SHARE = 1e-3  # deep in a border, where nothing counts
 _WIDTH = 0.25  # of the logarithm: a residual of that size counts half
 _PIXELS = 300.0  # neighbours err alike, and where mucosa is pale: the picture counts as so many pixels by themselves
 _CONTRAST_SD, _LEVEL_SD, _FIELD_SD = 1.0, 3.0, 0.5
@@ -114,10 +115,29 @@ def reshaded(scene: Scene, found: Registration, frame: UInt8[np.ndarray, "h w 3"
     return Reshaded(moved, True, off_mm, off_deg, (before, made.cost))
 
 
+class _Blur(NamedTuple):
+    """A blur of what is shown (H, W), 1 or 0; `share` of it is what each pixel gets from there."""
+
+    px: float
+    shown: Float[np.ndarray, "h w"]
+    share: Float[np.ndarray, "h w"]
+
+    @staticmethod
+    def of(px: float, shown: Bool[np.ndarray, "h w"]) -> _Blur:
+        """One that brings nothing of a black border into the picture beside it."""
+        one = shown.astype(np.float32)
+        return _Blur(px, one, np.maximum(cv2.GaussianBlur(one, (0, 0), px), _LEAST_SHARE))
+
+    def log(self, picture: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "n"]:
+        """The logarithm of red, blurred."""
+        red = np.log(picture[..., 0].astype(np.float32) + _DARK)
+        return (cv2.GaussianBlur(red * self.shown, (0, 0), self.px) / self.share).ravel().astype(np.float64)
+
+
 class _Level(NamedTuple):
     """The frame at a blur: its logarithm (N,) and how much each pixel counts (N,)."""
 
-    blur_px: float
+    blur: _Blur
     steps: int
     picture: Float[np.ndarray, "n"]
     counts: Float[np.ndarray, "n"]
@@ -207,7 +227,7 @@ class Shading:
         rgb = render(self._scene, poses, self._camera, BARE, want=("rgb",), threads=1).rgb
         if rgb is None:
             raise AssertionError("a rendering without the channel that was asked for")
-        return np.stack([_log(one, level.blur_px) for one in rgb])
+        return np.stack([level.blur.log(one) for one in rgb])
 
     def _linear(self, level: _Level, pose: Pose) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 6"]]:
         """Our picture and its derivatives by a twist."""
@@ -250,9 +270,5 @@ def _fields(width: int, height: int) -> Float[np.ndarray, "n f"]:
 
 
 def _level(small: UInt8[np.ndarray, "h w 3"], shown: Bool[np.ndarray, "h w"], blur_px: float, steps: int) -> _Level:
-    return _Level(blur_px, steps, _log(small, blur_px), _PIXELS * shown.ravel() / shown.sum())
-
-
-def _log(picture: UInt8[np.ndarray, "h w 3"], blur_px: float) -> Float[np.ndarray, "n"]:
-    red = np.log(picture[..., 0].astype(np.float32) + _DARK)
-    return cv2.GaussianBlur(red, (0, 0), blur_px).ravel().astype(np.float64)
+    blur = _Blur.of(blur_px, shown)
+    return _Level(blur, steps, blur.log(small), _PIXELS * shown.ravel() / shown.sum())
