@@ -34,6 +34,7 @@ VERBS: Mapping[str, Verb] = {
     "anatomy shape-model": Verb("naris.cli.anatomy_shape_model", "a mean nose and how noses differ from it"),
     "anatomy sample": Verb("naris.cli.anatomy_sample", "virtual patients, from normal ranges or other anatomies"),
     "anatomy to-ct": Verb("naris.cli.anatomy_to_ct", "the CT that a scanner would make of an anatomy"),
+    "steer": Verb("naris.cli.steer", "steer the scope through an anatomy in the browser, save keyframes"),
     "simulate": Verb("naris.cli.simulate", "pictures of an anatomy with poses, regions and depth"),
     "train": Verb("naris.cli.train", "a network, on views rendered as it learns or on a data set"),
     "evaluate": Verb("naris.cli.evaluate", "how good a model is: accuracy, confusion, calibration, pose errors"),

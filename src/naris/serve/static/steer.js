@@ -1,0 +1,556 @@
+// The page: what was loaded, the loop, and everything that can be pressed.
+
+import { unpack } from "./parcel.js";
+import { ask, askJson, onConnection, Refused } from "./talk.js";
+import { Room } from "./room.js";
+import { between, Flight, project } from "./flight.js";
+import { help, Keys, PROFILES } from "./keys.js";
+import { geometryOf, Inside, paletteOf } from "./inside.js";
+import { Outside } from "./outside.js";
+import { Strip } from "./strip.js";
+
+const $ = (id) => document.getElementById(id);
+const STILL_MS = 250, LONGEST_S = 0.1, DRAG_RAD_PER_PX = 0.004, WHEEL_MM = 0.6, FLY_MS = 350;
+const PLAY_MM_S = 8, HASTE = 3, EXACT_PX = 640, SAY_MS = 6000, DEAD_ZONE = 0.15;
+
+const state = {
+  fov: 70, playing: null, flying: null, exact: false, stillSince: 0, told: "", lastDraw: 0, drawn: 0, keyframes: [],
+};
+
+/** Runs the page; what cannot be is said in it. */
+async function begin() {
+  theme(localStorage.getItem("naris-theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+  if (!document.createElement("canvas").getContext("webgl2")) {
+    $("here").textContent = "This browser has no WebGL 2: open the page in a current Firefox, Chrome, Edge or Safari.";
+    return;
+  }
+  const [start, surface, look] = await Promise.all([
+    askJson("/api/start"), binary("/api/parcel/surface"), binary("/api/parcel/look"),
+  ]);
+  const about = surface.about;
+  document.title = `${about.name} – naris steer`;
+  $("name").textContent = about.name;
+  $("missing").textContent = about.missing.map((one) => `This anatomy has ${one}.`).join("\n");
+  const geometry = geometryOf(surface), palette = paletteOf(about);
+  const inside = new Inside($("inside-canvas"), geometry, palette, look);
+  const outside = new Outside($("outside-canvas"), geometry, palette, surface);
+  const room = new Room(await binary("/api/parcel/room"));
+  const flight = new Flight(room, bookmarked(start.digest) ?? start.pose);
+  const page = { start, surface, about, inside, outside, room, flight, keys: new Keys() };
+  page.strip = new Strip($("strip"), {
+    pose: () => flight.pose,
+    fovDeg: () => Math.min(state.fov, 140),
+    go: (pose) => fly(page, pose),
+    say,
+    changed: (keyframes) => {
+      state.keyframes = keyframes;
+      outside.mark(keyframes.map((one) => one.pose));
+    },
+  });
+  controls(page);
+  pointers(page);
+  dropping(page);
+  await page.strip.load();
+  sizes(page);
+  new ResizeObserver(() => sizes(page)).observe($("inside"));
+  new ResizeObserver(() => sizes(page)).observe($("outside"));
+  onConnection((lost) => ($("lost").hidden = !lost));
+  setInterval(() => askJson("/api/simulate").then((work) => showWork(work)), 2000);
+  $("inside-canvas").focus();
+  requestAnimationFrame((now) => loop(page, now));
+  expose(page);
+}
+
+async function binary(path) {
+  return unpack(await (await ask(path)).arrayBuffer());
+}
+
+// --- the loop -------------------------------------------------------------------------------------------------------
+
+function loop(page, now) {
+  const seconds = Math.min((now - state.lastDraw) / 1000, LONGEST_S);
+  state.lastDraw = now;
+  step(page, seconds, now);
+  draw(page, now);
+  requestAnimationFrame((next) => loop(page, next));
+}
+
+/** Moves by what is held for so many seconds. */
+function step(page, seconds, now) {
+  const { flight, keys } = page;
+  if (state.flying) return flying(page, now);
+  if (state.playing) return playing(page, seconds);
+  const wish = keys.wish;
+  gamepad(wish);
+  flight.advance(wish, seconds, keys.haste ? HASTE : 1);
+}
+
+function draw(page, now) {
+  const { flight, inside, outside } = page;
+  const pose = flight.pose;
+  const [w, h] = inside.size;
+  inside.draw(pose, state.fov);
+  outside.follow(flight.position, shaftPose(flight));
+  outside.draw(pose, state.fov, w / h);
+  state.drawn++;
+  const key = pose.map((row) => row.map((one) => one.toFixed(4)).join()).join() + state.fov;
+  if (key !== state.told) {
+    state.told = key;
+    state.stillSince = now;
+    state.wasTold = false;
+    told(page, pose);
+  } else if (!state.wasTold && now - state.stillSince > STILL_MS) {
+    state.wasTold = true;
+    atRest(page, pose);
+  }
+}
+
+function told(page, pose) {
+  const { flight, room, about } = page;
+  const label = room.region(flight.position);
+  $("here").textContent = label < 0 ? (about.regions.length ? "in no region" : "") : about.regions[label].name;
+  for (const item of $("regions").children) item.setAttribute("aria-current", String(Number(item.dataset.number) === label));
+  const p = flight.position.map((one) => one.toFixed(1)).join(", ");
+  $("numbers").textContent =
+    `${p} mm (${about.frame}) · wall ${room.distance(flight.position).toFixed(1)} mm · inserted ${flight.inserted.toFixed(1)} mm`;
+}
+
+/** What is asked of the server only once the scope stands still. */
+function atRest(page, pose) {
+  history.replaceState(null, "", bookmark(page.start.digest, pose));
+  if (state.exact) showExact(page, pose);
+  if (page.start.hasModel) {
+    askJson("/api/believed", "POST", { pose }).then((said) => showBelief(page, said)).catch(complain);
+  }
+}
+
+function shaftPose(flight) {
+  return flight.shaft;
+}
+
+// --- going somewhere ------------------------------------------------------------------------------------------------
+
+/** To a pose, so that one sees the way; straight through whatever lies between. */
+function fly(page, pose) {
+  page.flight.remember();
+  state.playing = null;
+  state.flying = { from: page.flight.pose, to: pose, begun: null };
+}
+
+function flying(page, now) {
+  const way = state.flying;
+  way.begun ??= now;
+  const t = Math.min((now - way.begun) / FLY_MS, 1);
+  page.flight.setPose(between(way.from, way.to, t * t * (3 - 2 * t)));
+  if (t === 1) {
+    state.flying = null;
+    page.flight.inserted = 0;
+  }
+}
+
+async function play(page) {
+  if (state.playing) return (state.playing = null);
+  try {
+    await page.strip.saving;
+    const { poses } = await askJson("/api/trajectory?step_mm=1");
+    page.flight.remember();
+    state.playing = { poses, at: 0 };
+  } catch (error) {
+    complain(error);
+  }
+}
+
+function playing(page, seconds) {
+  const way = state.playing;
+  way.at += seconds * PLAY_MM_S;
+  const low = Math.floor(way.at);
+  if (low >= way.poses.length - 1) {
+    page.flight.setPose(way.poses[way.poses.length - 1]);
+    state.playing = null;
+    return;
+  }
+  page.flight.setPose(between(way.poses[low], way.poses[low + 1], way.at - low));
+}
+
+function bookmark(digest, pose) {
+  const numbers = pose.slice(0, 3).flat().map((one) => Number(one.toFixed(5)));
+  return `#in=${digest.slice(0, 12)}&pose=${numbers.join(",")}`;
+}
+
+/** The pose in the address, if it is of this anatomy. */
+function bookmarked(digest) {
+  const told = new URLSearchParams(location.hash.slice(1));
+  const numbers = (told.get("pose") ?? "").split(",").map(Number);
+  if (numbers.length !== 12 || !numbers.every(Number.isFinite)) return null;
+  if (told.get("in") !== digest.slice(0, 12)) {
+    say("the bookmark is of another anatomy: here is the start of this one", true);
+    return null;
+  }
+  return [numbers.slice(0, 4), numbers.slice(4, 8), numbers.slice(8, 12), [0, 0, 0, 1]];
+}
+
+// --- what can be pressed --------------------------------------------------------------------------------------------
+
+function controls(page) {
+  const { flight, keys, about, inside } = page;
+  const places = about.places;
+  $("places").replaceChildren(...[{ name: "the start", pose: page.start.pose }, ...places].map(({ name, kind }, k) => {
+    const option = document.createElement("option");
+    option.value = k;
+    option.textContent = kind === "region" ? `${name} (region)` : name;
+    return option;
+  }));
+  $("places").addEventListener("change", (event) => {
+    const k = Number(event.target.value);
+    fly(page, k ? places[k - 1].pose : page.start.pose);
+    $("inside-canvas").focus();
+  });
+  $("regions").replaceChildren(...about.regions.map((one, number) => regionItem(page, one, number)));
+  const commands = {
+    save: () => page.strip.save(),
+    undo: () => flight.undo() || say("there is no way back"),
+    exact: () => exact(page),
+    play: () => play(page),
+    through: () => {
+      $("through").checked = flight.throughWalls = !flight.throughWalls;
+    },
+    home: () => fly(page, page.start.pose),
+    help: () => showHelp(keys.profile),
+    ...Object.fromEntries([0, 30, 45, 70].map((angle) => [`optics${angle}`, () => {
+      $("optics").value = String(angle);
+      optics(flight);
+    }])),
+  };
+  keys.onCommand = (name) => commands[name]();
+  keys.onStep = (move, turn) => {
+    if (state.flying) return;
+    flight.turn(turn);
+    flight.move(move);
+  };
+  for (const [name, says] of Object.entries(PROFILES)) {
+    const option = document.createElement("option");
+    option.value = name;
+    option.textContent = says;
+    $("profile").append(option);
+  }
+  $("profile").value = keys.profile = localStorage.getItem("naris-keys") in PROFILES ? localStorage.getItem("naris-keys") : "wasd";
+  $("profile").addEventListener("change", () => {
+    keys.releaseAll();
+    keys.profile = $("profile").value;
+    localStorage.setItem("naris-keys", keys.profile);
+    $("inside-canvas").focus();
+  });
+  slider("fov", "fov-out", (v) => `${v}°`, (v) => (state.fov = v));
+  slider("light", "light-out", (v) => `${(2 ** v).toFixed(1)}×`, (v) => (inside.brightness = 2 ** v));
+  slider("tint", "tint-out", (v) => `${v} %`, (v) => (inside.tint = v / 100));
+  slider("post", "post-out", (v) => `${v}°`, () => optics(flight));
+  $("optics").addEventListener("change", () => optics(flight));
+  $("through").addEventListener("change", () => (flight.throughWalls = $("through").checked));
+  for (const [id, name] of [["save", "save"], ["undo", "undo"], ["exact-button", "exact"], ["play", "play"], ["help-button", "help"]]) {
+    $(id).addEventListener("click", commands[name]);
+  }
+  $("help-close").addEventListener("click", () => $("help").close());
+  $("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+  $("import").addEventListener("click", () => $("file").click());
+  $("file").addEventListener("change", () => {
+    for (const file of $("file").files) take(page, file);
+    $("file").value = "";
+  });
+  $("simulate-row").hidden = !page.start.hasSimulate;
+  $("simulate").addEventListener("click", () => simulate(page));
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || isTyping(event.target) || $("help").open) return;
+    if (keys.press(event.code, event.shiftKey)) event.preventDefault();
+  });
+  document.addEventListener("keyup", (event) => {
+    keys.release(event.code);
+    keys.haste = event.shiftKey;
+  });
+  addEventListener("blur", () => keys.releaseAll());
+}
+
+function isTyping(element) {
+  return element instanceof HTMLElement && element.matches("input:not([type=checkbox]), select, textarea");
+}
+
+function slider(id, out, words, act) {
+  const set = () => {
+    $(out).textContent = words(Number($(id).value));
+    act(Number($(id).value));
+  };
+  $(id).addEventListener("input", set);
+  set();
+}
+
+function optics(flight) {
+  flight.setOptics(Number($("optics").value), Number($("post").value));
+}
+
+function regionItem(page, one, number) {
+  const item = document.createElement("li");
+  item.dataset.number = number;
+  const go = document.createElement("button");
+  go.type = "button";
+  const swatch = document.createElement("span");
+  swatch.className = "swatch";
+  swatch.style.background = one.colour;
+  const label = document.createElement("span");
+  label.className = "label";
+  label.textContent = one.name;
+  const meter = document.createElement("meter");
+  meter.hidden = true;
+  meter.setAttribute("aria-label", `probability of ${one.name}`);
+  go.append(swatch, label, meter);
+  go.title = `fly into ${one.name}`;
+  go.addEventListener("click", () => flyInto(page, number));
+  item.append(go);
+  return item;
+}
+
+function flyInto(page, number) {
+  const name = page.about.regions[number]?.name;
+  const place = page.about.places.find((one) => one.kind === "region" && one.name === name);
+  if (place) fly(page, place.pose);
+  else say(name === undefined ? "there is no region" : `no passage leads into ${name}`, true);
+}
+
+function showHelp(profile) {
+  $("help-table").replaceChildren(...help(profile).map((row) => {
+    const line = document.createElement("tr");
+    line.append(...row.map((text) => Object.assign(document.createElement("td"), { textContent: text })));
+    return line;
+  }));
+  $("help").showModal();
+}
+
+function theme(name) {
+  document.documentElement.dataset.theme = name;
+  localStorage.setItem("naris-theme", name);
+}
+
+function say(text, isWrong = false) {
+  $("message").textContent = text;
+  $("message").className = isWrong ? "wrong" : "";
+  $("message").hidden = false;
+  clearTimeout(state.saying);
+  state.saying = setTimeout(() => ($("message").hidden = true), SAY_MS);
+}
+
+function complain(error) {
+  if (!(error instanceof Refused)) throw error;
+  say(error.message, true);
+}
+
+// --- mouse, touch, gamepad ------------------------------------------------------------------------------------------
+
+function pointers(page) {
+  const canvas = $("inside-canvas"), { flight, outside } = page;
+  const fingers = new Map();
+  let dragged = 0;
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    dragged = 0;
+    canvas.focus();
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const last = fingers.get(event.pointerId);
+    if (!last) return;
+    const spread = pinch(fingers);
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    const by = [event.clientX - last[0], event.clientY - last[1]];
+    dragged += Math.abs(by[0]) + Math.abs(by[1]);
+    if (fingers.size === 2) flight.move([0, 0, (pinch(fingers) - spread) * 0.05]);
+    else flight.turn([by[1] * DRAG_RAD_PER_PX, -by[0] * DRAG_RAD_PER_PX, 0]);
+  });
+  for (const kind of ["pointerup", "pointercancel"]) {
+    canvas.addEventListener(kind, (event) => fingers.delete(event.pointerId));
+  }
+  canvas.addEventListener("click", (event) => {
+    if (dragged < 4) clickedInside(page, event);
+  });
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    flight.move([0, 0, event.deltaY > 0 ? -WHEEL_MM : WHEEL_MM]);
+  }, { passive: false });
+  $("outside-canvas").addEventListener("click", (event) => {
+    if (outside.dragged >= 4) return;
+    const box = $("outside-canvas").getBoundingClientRect();
+    const corner = outside.hit(
+      (2 * (event.clientX - box.left)) / box.width - 1, 1 - (2 * (event.clientY - box.top)) / box.height,
+    );
+    if (corner !== null) intoRegionOf(page, page.surface.arrays.region[corner]);
+  });
+}
+
+function pinch(fingers) {
+  if (fingers.size !== 2) return 0;
+  const [a, b] = [...fingers.values()];
+  return Math.hypot(a[0] - b[0], a[1] - b[1]);
+}
+
+function intoRegionOf(page, label) {
+  if (label < page.about.regions.length) flyInto(page, label);
+  else say("that wall is of no region", true);
+}
+
+/** The region in which a ray through the click ends: marched through the distances, as far as there is air. */
+function clickedInside(page, event) {
+  const box = $("inside-canvas").getBoundingClientRect(), pose = page.flight.pose;
+  const scale = (2 * Math.tan((state.fov * Math.PI) / 360)) / box.height;
+  const ray = [(event.clientX - box.left - box.width / 2) * scale, (event.clientY - box.top - box.height / 2) * scale, 1];
+  const length = Math.hypot(...ray);
+  const way = [0, 1, 2].map((i) => (pose[i][0] * ray[0] + pose[i][1] * ray[1] + pose[i][2] * ray[2]) / length);
+  let label = -1, far = 0;
+  for (let k = 0; k < 400; k++) {
+    const p = page.flight.position.map((one, axis) => one + far * way[axis]);
+    const free = page.room.distance(p);
+    const here = page.room.region(p);
+    if (here >= 0) label = here;
+    if (free < 0.15) break;
+    far += Math.max(free * 0.9, 0.1);
+  }
+  if (label >= 0) flyInto(page, label);
+}
+
+function gamepad(wish) {
+  for (const pad of navigator.getGamepads?.() ?? []) {
+    if (!pad?.connected) continue;
+    const axis = (k) => (Math.abs(pad.axes[k] ?? 0) > DEAD_ZONE ? pad.axes[k] : 0);
+    const pressed = (k) => pad.buttons[k]?.value ?? 0;
+    wish.move[0] += axis(0);
+    wish.move[2] -= axis(1);
+    wish.move[1] += pressed(6) - pressed(7);
+    wish.turn[1] += axis(2);
+    wish.turn[0] -= axis(3);
+    wish.turn[2] += pressed(5) - pressed(4);
+  }
+}
+
+// --- what the server makes ------------------------------------------------------------------------------------------
+
+function exact(page) {
+  state.exact = !state.exact;
+  $("exact-button").setAttribute("aria-pressed", String(state.exact));
+  $("exact").hidden = !state.exact;
+  if (state.exact) showExact(page, page.flight.pose);
+}
+
+async function showExact(page, pose) {
+  const [w, h] = page.inside.size, shrink = Math.min(EXACT_PX / Math.max(w, h), 1);
+  const asked = { pose, fov_deg: state.fov, width: Math.round(w * shrink), height: Math.round(h * shrink), steady: false };
+  try {
+    const answer = await ask("/api/frame", {
+      method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(asked),
+    });
+    const url = URL.createObjectURL(await answer.blob());
+    URL.revokeObjectURL($("exact-picture").src);
+    $("exact-picture").src = url;
+  } catch (error) {
+    complain(error);
+  }
+}
+
+function showBelief(page, said) {
+  for (const item of $("regions").children) {
+    const meter = item.querySelector("meter");
+    const at = said.regions.indexOf(page.about.regions[Number(item.dataset.number)].name);
+    meter.hidden = at < 0;
+    if (at >= 0) {
+      meter.value = said.probabilities[at];
+      meter.title = `${Math.round(100 * said.probabilities[at])} %`;
+    }
+  }
+  $("doubt").hidden = said.outOfDomain === null;
+  if (said.outOfDomain !== null) $("doubt").textContent = `unlike what the model knows: ${Math.round(100 * said.outOfDomain)} %`;
+}
+
+function dropping(page) {
+  document.addEventListener("dragover", (event) => event.preventDefault());
+  document.addEventListener("drop", (event) => {
+    event.preventDefault();
+    for (const file of event.dataTransfer.files) take(page, file);
+  });
+}
+
+/** A file that was dropped or chosen: keyframes, or a picture for the model to locate. */
+async function take(page, file) {
+  try {
+    if (file.name.toLowerCase().endsWith(".json")) {
+      const { keyframes } = await (await ask("/api/keyframes/import", { method: "POST", body: file })).json();
+      page.strip.add(keyframes);
+      say(`${keyframes.length} keyframes from ${file.name}`);
+      return;
+    }
+    const said = await (await ask("/api/locate", { method: "POST", body: file })).json();
+    showBelief(page, said);
+    page.outside.mark(said.hypotheses.map((one) => one.pose), true);
+    const best = said.probabilities.indexOf(Math.max(...said.probabilities));
+    say(`${file.name}: ${said.regions[best]} (${Math.round(100 * said.probabilities[best])} %)`);
+    if (said.hypotheses.length) fly(page, said.hypotheses[0].pose);
+  } catch (error) {
+    complain(error);
+  }
+}
+
+async function simulate(page) {
+  try {
+    await page.strip.saving;
+    const per_position = Math.min(Math.max(Math.round(Number($("per-position").value)) || 10, 1), 1000);
+    showWork(await askJson("/api/simulate", "POST", { per_position, step_mm: 1 }));
+  } catch (error) {
+    complain(error);
+  }
+}
+
+function showWork(work) {
+  $("progress").hidden = !work.running;
+  $("simulate").disabled = work.running;
+  if (work.total) {
+    $("progress").max = work.total;
+    $("progress").value = work.done;
+  } else {
+    $("progress").removeAttribute("value");
+  }
+  $("simulated").textContent = work.running ? `${work.done} of ${work.total || "…"} pictures` : work.said;
+}
+
+// --- sizes, and a handle for scripts --------------------------------------------------------------------------------
+
+function sizes(page) {
+  const ratio = Math.min(devicePixelRatio, 2);
+  for (const [view, id] of [[page.inside, "inside"], [page.outside, "outside"]]) {
+    const box = $(id).getBoundingClientRect();
+    view.resize(Math.round(box.width), Math.round(box.height), ratio);
+  }
+  state.told = "";
+}
+
+/** `window.naris`: the page for scripts, as its tests drive it. */
+function expose(page) {
+  window.naris = {
+    page,
+    state,
+    pose: () => page.flight.pose,
+    go: (pose) => page.flight.jump(pose),
+    step: (seconds) => step(page, seconds, performance.now()),
+    project: (point) => project(page.flight.pose, point, state.fov),
+    distance: () => page.room.distance(page.flight.position),
+    region: () => page.room.region(page.flight.position),
+    /** The picture as it is drawn at a size, as a data address. */
+    picture(pose, fovDeg, width, height) {
+      const before = [...page.inside.size];
+      page.inside.resize(width, height);
+      page.inside.draw(pose, fovDeg);
+      const url = page.inside.renderer.domElement.toDataURL("image/png");
+      page.inside.resize(...before);
+      return url;
+    },
+  };
+  document.documentElement.dataset.ready = "yes";
+}
+
+begin().catch((error) => {
+  $("here").textContent = `this page has failed: ${error.message}`;
+  throw error;
+});

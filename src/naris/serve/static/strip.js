@@ -1,0 +1,132 @@
+// The strip of keyframes: saved, named, put in order, gone to, played, kept in the file of the server.
+
+import { ask, askJson, Refused } from "./talk.js";
+
+const THUMB = { width: 128, height: 96 };
+
+export class Strip {
+  /** `host` has: pose(), fovDeg(), go(pose), say(text, isWrong), changed(keyframes). */
+  constructor(list, host) {
+    this.list = list;
+    this.host = host;
+    this.revision = 0;
+    this.keyframes = []; // {name, pose, picture}
+    this.saving = Promise.resolve();
+    this.unsaved = false;
+  }
+
+  async load() {
+    const told = await askJson("/api/keyframes");
+    this.revision = told.revision;
+    this.keyframes = told.keyframes.map((one) => ({ ...one, picture: null }));
+    this.#show();
+  }
+
+  /** A keyframe of where the scope is now. */
+  save() {
+    const taken = new Set(this.keyframes.map((one) => one.name));
+    let number = this.keyframes.length;
+    while (taken.has(String(number).padStart(2, "0"))) number++;
+    const name = String(number).padStart(2, "0");
+    this.keyframes.push({ name, pose: this.host.pose(), picture: null });
+    this.host.say(`keyframe ${name} saved`);
+    this.#changed();
+  }
+
+  add(keyframes) {
+    this.keyframes.push(...keyframes.map((one) => ({ ...one, picture: null })));
+    this.#changed();
+  }
+
+  remove(at) {
+    this.keyframes.splice(at, 1);
+    this.#changed();
+  }
+
+  rename(at, name) {
+    const trimmed = name.trim().slice(0, 80);
+    if (!trimmed || trimmed === this.keyframes[at].name) return this.#show();
+    this.keyframes[at].name = trimmed;
+    this.#changed();
+  }
+
+  shift(at, by) {
+    const to = at + by;
+    if (to < 0 || to >= this.keyframes.length) return;
+    const [one] = this.keyframes.splice(at, 1);
+    this.keyframes.splice(to, 0, one);
+    this.#changed();
+    this.list.children[to]?.querySelector(".go")?.focus();
+  }
+
+  #changed() {
+    this.#show();
+    this.unsaved = true;
+    this.saving = this.saving.then(() => this.#keep());
+  }
+
+  async #keep() {
+    if (!this.unsaved) return;
+    this.unsaved = false;
+    const keyframes = this.keyframes.map(({ name, pose }) => ({ name, pose }));
+    try {
+      const told = await askJson("/api/keyframes", "PUT", { revision: this.revision, keyframes });
+      this.revision = told.revision;
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error;
+      this.host.say(error.message, true);
+    }
+  }
+
+  #show() {
+    this.host.changed(this.keyframes);
+    this.list.replaceChildren(...this.keyframes.map((one, at) => this.#item(one, at)));
+  }
+
+  #item(one, at) {
+    const item = document.createElement("li");
+    const go = button("go", `go to keyframe ${one.name}`, () => this.host.go(one.pose));
+    const picture = document.createElement("img");
+    picture.alt = `what keyframe ${one.name} sees`;
+    picture.width = THUMB.width;
+    picture.height = THUMB.height;
+    this.#picture(one).then((url) => (picture.src = url), () => {});
+    go.append(picture);
+    const name = document.createElement("input");
+    name.value = one.name;
+    name.maxLength = 80;
+    name.setAttribute("aria-label", `name of keyframe ${one.name}`);
+    name.addEventListener("change", () => this.rename(at, name.value));
+    const row = document.createElement("div");
+    row.append(
+      name,
+      button("", `keyframe ${one.name} earlier`, () => this.shift(at, -1), "‹"),
+      button("", `keyframe ${one.name} later`, () => this.shift(at, 1), "›"),
+      button("", `delete keyframe ${one.name}`, () => this.remove(at), "×"),
+    );
+    item.append(go, row);
+    return item;
+  }
+
+  async #picture(one) {
+    if (!one.picture) {
+      one.picture = ask("/api/frame", {
+        method: "POST",
+        headers: { "content-type": "application/json" },
+        body: JSON.stringify({ pose: one.pose, fov_deg: this.host.fovDeg(), ...THUMB }),
+      }).then(async (answer) => URL.createObjectURL(await answer.blob()));
+    }
+    return one.picture;
+  }
+}
+
+export function button(kind, label, press, text = "") {
+  const made = document.createElement("button");
+  made.type = "button";
+  made.className = kind;
+  made.setAttribute("aria-label", label);
+  made.title = label;
+  made.textContent = text;
+  made.addEventListener("click", press);
+  return made;
+}

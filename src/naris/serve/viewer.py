@@ -1,0 +1,336 @@
+"""The viewer: an anatomy to steer through, what our renderer and a model say of it, and the keyframes.
+
+Nothing here knows of requests (`naris.serve.app`), of who may ask (`naris.serve.guard`) or where it is served.
+"""
+
+from __future__ import annotations
+
+import io
+import threading
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import UInt8
+from pydantic import BaseModel, ConfigDict, Field
+
+from naris.core.anatomy import Anatomy, RegionSet
+from naris.core.camera import Intrinsics
+from naris.core.pose import CAMERA, Pose
+from naris.core.progress import Progress
+from naris.core.results import Prediction
+from naris.errors import InputError, KeyframeError, NarisError, PoseError
+from naris.render.appearance import ENDOSCOPE
+from naris.render.keyframes import (
+    Keyframe,
+    Keyframes,
+    interpolate,
+    read_keyframes,
+    write_keyframes,
+    write_original_keyframes,
+)
+from naris.render.scene import Scene, render
+from naris.serve.stage import look_parcel, room_parcel, start_pose, steady, surface_parcel
+
+_MOST_PX = 2048
+_MOST_KEYFRAMES = 10_000
+
+Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
+Simulate = Callable[[Path, Path, int, float, Progress], int]
+"""Pictures along the keyframes of a file, into a folder: views each position, mm between these; gives their number."""
+
+
+class FrameAsked(BaseModel):
+    """A picture by our own renderer."""
+
+    model_config = ConfigDict(extra="forbid")
+    pose: list[list[float]]
+    fov_deg: float = Field(45.0, ge=5, le=140)
+    width: int = Field(300, ge=16, le=_MOST_PX)
+    height: int = Field(300, ge=16, le=_MOST_PX)
+    steady: bool = True
+
+
+class PoseTold(BaseModel):
+    """Where the scope is."""
+
+    model_config = ConfigDict(extra="forbid")
+    pose: list[list[float]]
+
+
+class KeyframeTold(BaseModel):
+    """A keyframe of the page."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: str = Field(min_length=1, max_length=80)
+    pose: list[list[float]]
+
+
+class KeyframesTold(BaseModel):
+    """All keyframes of the page, in their order."""
+
+    model_config = ConfigDict(extra="forbid")
+    revision: int
+    keyframes: list[KeyframeTold] = Field(max_length=_MOST_KEYFRAMES)
+
+
+class SimulationAsked(BaseModel):
+    """Pictures along the keyframes."""
+
+    model_config = ConfigDict(extra="forbid")
+    per_position: int = Field(10, ge=1, le=1000)
+    step_mm: float = Field(1.0, gt=0.01, le=100)
+
+
+@dataclass
+class Work:
+    """A simulation that was begun from the page: a `naris.core.progress.Progress` that can be asked."""
+
+    done: int = 0
+    total: int = 0
+    running: bool = False
+    said: str = ""
+    folder: str = ""
+
+    def task(self, name: str, total: int) -> Work:
+        self.done, self.total = 0, total
+        return self
+
+    def __enter__(self) -> Callable[[int], None]:
+        return self._advance
+
+    def __exit__(self, *error: object) -> None:
+        return None
+
+    def _advance(self, steps: int) -> None:
+        self.done += steps
+
+
+@dataclass(eq=False)
+class Viewer:
+    """What is looked at, and what was saved.
+
+    Attributes:
+        anatomy: to steer through.
+        regions: that its places are named by; None where it has none.
+        keyframes: the file that they are kept in.
+        locate: a model's answer to a picture, where there is a model.
+        model_camera: the camera that the model knows.
+        simulate: makes pictures along keyframes.
+    """
+
+    PARCELS: ClassVar[tuple[str, ...]] = ("surface", "room", "look")
+
+    anatomy: Anatomy
+    regions: RegionSet | None
+    keyframes: Path
+    locate: Locate | None = None
+    model_camera: Intrinsics | None = None
+    simulate: Simulate | None = None
+    work: Work = field(default_factory=Work)
+    _kept: Keyframes | None = None
+    _revision: int = 0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        if self.keyframes.exists():
+            self._kept = read_keyframes(self.keyframes, self.anatomy)
+        self._scene = Scene(self.anatomy)
+        self._made: dict[str, bytes] = {}
+        self._making = threading.Lock()
+
+    # --- what is looked at ------------------------------------------------------------------------------------------
+
+    def parcel(self, name: str) -> bytes:
+        """`surface`, `room` or `look`, made when it is first asked for."""
+        makers: dict[str, Callable[[], bytes]] = {
+            "surface": lambda: surface_parcel(self.anatomy, self.regions),
+            "room": lambda: room_parcel(self.anatomy, self.regions),
+            "look": look_parcel,
+        }
+        with self._making:
+            if name not in self._made:
+                self._made[name] = makers[name]()
+            return self._made[name]
+
+    def start(self) -> dict[str, Any]:
+        """Where to begin, and what there is."""
+        return {
+            "pose": start_pose(self.anatomy, self.regions).matrix.tolist(),
+            "digest": self.anatomy.digest,
+            "hasModel": self.locate is not None,
+            "hasSimulate": self.simulate is not None,
+            "keyframesFile": self.keyframes.name,
+        }
+
+    def frame(self, asked: FrameAsked) -> UInt8[np.ndarray, "h w 3"]:
+        """A picture by our own renderer.
+
+        Raises:
+            PoseError: if the pose is none.
+        """
+        camera = Intrinsics.from_vertical_fov(asked.width, asked.height, asked.fov_deg)
+        return self._rendered(self._pose(asked.pose), camera, asked.steady)
+
+    def _rendered(self, pose: Pose, camera: Intrinsics, is_steady: bool) -> UInt8[np.ndarray, "h w 3"]:
+        look = steady() if is_steady else ENDOSCOPE
+        rgb = render(self._scene, pose.reshape(1), camera, look, want=("rgb",)).rgb
+        if rgb is None:
+            raise AssertionError("a rendering without the channel that was asked for")
+        return rgb[0]
+
+    def _pose(self, matrix: Sequence[Sequence[float]]) -> Pose:
+        numbers = np.array(matrix, dtype=np.float64) if _is_square(matrix) else np.zeros(0)
+        if numbers.shape != (4, 4):
+            raise PoseError("a pose of 4×4 numbers", "another shape", "send anatomy_T_camera row by row")
+        return Pose(numbers, self.anatomy.frame, CAMERA)
+
+    # --- what a model says ------------------------------------------------------------------------------------------
+
+    def believed(self, image: UInt8[np.ndarray, "h w 3"]) -> dict[str, Any]:
+        """What the model says of a picture.
+
+        Raises:
+            InputError: if there is no model.
+        """
+        if self.locate is None:
+            raise InputError("a model to locate with", "none", "start naris steer with --model")
+        told = self.locate(image)
+        poses = [] if told.hypotheses is None else told.hypotheses.matrix.tolist()
+        weights = [] if told.weights is None else told.weights.tolist()
+        return {
+            "regions": list(told.region_names),
+            "probabilities": told.probabilities.tolist(),
+            "hypotheses": [{"pose": pose, "weight": w} for pose, w in zip(poses, weights, strict=True)],
+            "outOfDomain": told.out_of_domain,
+        }
+
+    def believed_here(self, matrix: Sequence[Sequence[float]]) -> dict[str, Any]:
+        """What the model says of what its own camera would see from a pose."""
+        camera = self.model_camera or Intrinsics.from_vertical_fov(300, 300, 45.0)
+        return self.believed(self._rendered(self._pose(matrix), camera, is_steady=False))
+
+    # --- keyframes --------------------------------------------------------------------------------------------------
+
+    def told_keyframes(self) -> dict[str, Any]:
+        """All keyframes, and how often they were changed."""
+        rows = [] if self._kept is None else self._kept.keyframes
+        return {
+            "revision": self._revision,
+            "keyframes": [{"name": one.name, "pose": one.anatomy_T_camera.matrix.tolist()} for one in rows],
+        }
+
+    def keep(self, told: KeyframesTold) -> dict[str, Any]:
+        """Writes the keyframes of the page; those of an older state are not taken.
+
+        Raises:
+            KeyframeError: if another page has changed them meanwhile.
+            PoseError: if one has no pose.
+        """
+        rows = tuple(Keyframe(one.name, self._pose(one.pose)) for one in told.keyframes)
+        with self._lock:
+            if told.revision != self._revision:
+                raise KeyframeError(
+                    "keyframes as they are now", "some that were changed elsewhere meanwhile", "load the page again"
+                )
+            self._kept = Keyframes(rows, self.anatomy.name, self.anatomy.digest) if rows else None
+            if self._kept is not None:
+                write_keyframes(self._kept, self.keyframes)
+            else:
+                self.keyframes.unlink(missing_ok=True)
+            self._revision += 1
+        return self.told_keyframes()
+
+    def taken(self, text: bytes) -> list[dict[str, Any]]:
+        """The keyframes of a file of ours, for the page to add.
+
+        Raises:
+            KeyframeError: if it is none, or of another anatomy.
+        """
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "the file"
+            path.write_bytes(text)
+            found = read_keyframes(path, self.anatomy)
+        return [{"name": one.name, "pose": one.anatomy_T_camera.matrix.tolist()} for one in found.keyframes]
+
+    def exported(self, kind: str) -> bytes:
+        """All keyframes as our JSON file (`json`) or as the text files of the original, zipped (`original`).
+
+        Raises:
+            KeyframeError: if there are none, or names that cannot name files.
+        """
+        kept = self._some()
+        with TemporaryDirectory() as folder:
+            if kind == "json":
+                write_keyframes(kept, Path(folder) / "keyframes.json")
+                return (Path(folder) / "keyframes.json").read_bytes()
+            buffer = io.BytesIO()
+            with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as whole:
+                for path in write_original_keyframes(kept, Path(folder)):
+                    whole.write(path, path.name)
+            return buffer.getvalue()
+
+    def trajectory(self, step_mm: float) -> list[list[list[float]]]:
+        """The poses from keyframe to keyframe, as `naris simulate` goes.
+
+        Raises:
+            KeyframeError: if there are fewer than two.
+        """
+        return interpolate(self._some(), step_mm).anatomy_T_camera.matrix.tolist()
+
+    def _some(self) -> Keyframes:
+        if self._kept is None:
+            raise KeyframeError("at least one keyframe", "none", "save a viewpoint first")
+        return self._kept
+
+    # --- pictures along them ----------------------------------------------------------------------------------------
+
+    def begin(self, asked: SimulationAsked) -> dict[str, Any]:
+        """Begins to make pictures along the keyframes, in a folder beside their file.
+
+        Raises:
+            InputError: if that runs already, or cannot be done here.
+            KeyframeError: if there are fewer than two.
+        """
+        self.trajectory(asked.step_mm)
+        if self.simulate is None:
+            raise InputError("a program that simulates", "none", "start the page with naris steer")
+        with self._lock:
+            if self.work.running:
+                raise InputError("one simulation at a time", "another", "wait until it has ended")
+            folder = self.keyframes.with_name(f"{self.keyframes.stem}-pictures")
+            self.work = Work(running=True, folder=folder.name)
+        threading.Thread(target=self._simulated, args=(folder, asked), daemon=True).start()
+        return self.told_work()
+
+    def _simulated(self, folder: Path, asked: SimulationAsked) -> None:
+        work = self.work
+        try:
+            if self.simulate is not None:
+                count = self.simulate(self.keyframes, folder, asked.per_position, asked.step_mm, work)
+                work.said = f"{count} pictures in {folder.name}"
+        except NarisError as error:
+            work.said = str(error)
+        except OSError as error:
+            work.said = f"cannot use {folder.name}: {error.strerror}"
+        finally:
+            work.running = False
+
+    def told_work(self) -> dict[str, Any]:
+        """How far the pictures are."""
+        work = self.work
+        return {
+            "done": work.done,
+            "total": work.total,
+            "running": work.running,
+            "said": work.said,
+            "folder": work.folder,
+        }
+
+
+def _is_square(matrix: Sequence[Sequence[float]]) -> bool:
+    return len(matrix) == 4 and all(len(row) == 4 for row in matrix)
