@@ -51,7 +51,7 @@ export class Outside {
     this.renderer.render(this.scene, this.camera);
   }
 
-  /** The scope has come here: the trail grows, the shaft points along `shaft` (a pose without optics). */
+  /** The scope has come here: the trail grows, the shaft points along `shaft` (3×3, without optics). */
   follow(position, shaft) {
     this.rod.position.set(...position);
     const along = new THREE.Vector3(shaft[0][2], shaft[1][2], shaft[2][2]);

@@ -11,7 +11,7 @@ import { Strip } from "./strip.js";
 
 const $ = (id) => document.getElementById(id);
 const STILL_MS = 250, LONGEST_S = 0.1, DRAG_RAD_PER_PX = 0.004, WHEEL_MM = 0.6, FLY_MS = 350;
-const PLAY_MM_S = 8, HASTE = 3, EXACT_PX = 640, SAY_MS = 6000, DEAD_ZONE = 0.15;
+const PLAY_MM_S = 8, HASTE = 3, EXACT_PX = 640, SAY_MS = 6000, WATCH_MS = 2000, DEAD_ZONE = 0.15;
 
 const state = {
   fov: 70, playing: null, flying: null, exact: false, stillSince: 0, told: "", lastDraw: 0, drawn: 0, keyframes: [],
@@ -55,7 +55,7 @@ async function begin() {
   new ResizeObserver(() => sizes(page)).observe($("inside"));
   new ResizeObserver(() => sizes(page)).observe($("outside"));
   onConnection((lost) => ($("lost").hidden = !lost));
-  setInterval(() => askJson("/api/simulate").then((work) => showWork(work)), 2000);
+  watch();
   $("inside-canvas").focus();
   requestAnimationFrame((now) => loop(page, now));
   expose(page);
@@ -90,7 +90,7 @@ function draw(page, now) {
   const pose = flight.pose;
   const [w, h] = inside.size;
   inside.draw(pose, state.fov);
-  outside.follow(flight.position, shaftPose(flight));
+  outside.follow(flight.position, flight.shaft);
   outside.draw(pose, state.fov, w / h);
   state.drawn++;
   const key = pose.map((row) => row.map((one) => one.toFixed(4)).join()).join() + state.fov;
@@ -122,10 +122,6 @@ function atRest(page, pose) {
   if (page.start.hasModel) {
     askJson("/api/believed", "POST", { pose }).then((said) => showBelief(page, said)).catch(complain);
   }
-}
-
-function shaftPose(flight) {
-  return flight.shaft;
 }
 
 // --- going somewhere ------------------------------------------------------------------------------------------------
@@ -500,6 +496,15 @@ async function simulate(page) {
     showWork(await askJson("/api/simulate", "POST", { per_position, step_mm: 1 }));
   } catch (error) {
     complain(error);
+  }
+}
+
+/** Asks how far the pictures are, again and again; that is also how a lost connection is noticed. */
+async function watch() {
+  for (;;) {
+    const work = await askJson("/api/simulate");
+    showWork(work);
+    await new Promise((done) => setTimeout(done, work.running ? WATCH_MS / 4 : WATCH_MS));
   }
 }
 

@@ -1,0 +1,73 @@
+"""`naris steer`: a page at an address with a token, until Ctrl-C; bad input in one sentence and status 2."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from naris.cli import main
+from naris.cli.start import BAD_INPUT
+
+
+@contextmanager
+def steering(*words: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, "-m", "naris", "steer", *words, "--no-browser"]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        try:
+            yield child
+        finally:
+            child.kill()
+
+
+def told(child: subprocess.Popen[str]) -> dict[str, object]:
+    """The one JSON object, which is printed before the page is served."""
+    text = ""
+    assert child.stdout is not None
+    for line in child.stdout:
+        text += line
+        if line == "}\n":
+            return dict(json.loads(text))
+    raise AssertionError(child.stderr.read() if child.stderr else "nothing was told")
+
+
+@pytest.mark.slow
+def test_it_serves_until_ctrl_c(tube: Path, tmp_path: Path) -> None:
+    with steering(str(tube), "--port", "0", "--json", folder=tmp_path) as child:
+        said = told(child)
+        address = str(said["address"])
+        assert address.startswith(f"http://127.0.0.1:{said['port']}/?token=")
+        opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+        assert b"<title>naris steer</title>" in opener.open(address, timeout=30).read()
+        start = json.load(opener.open(address.split("?")[0] + "api/start", timeout=30))
+        assert start["keyframesFile"] == "keyframes.json"
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(address.split("?")[0], timeout=30)
+        child.send_signal(signal.SIGINT)
+        assert child.wait(30) == 0
+        assert "Traceback" not in (child.stderr.read() if child.stderr else "")
+    assert list(tmp_path.iterdir()) == []  # nothing was saved, so nothing is there
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["steer"], "expected ANATOMY"),
+        (["steer", "nothing-there"], "nothing-there"),
+        (["steer", "builtin", "--port", "70000"], "a port from 0 to 65535"),
+        (["steer", "builtin", "--model", "nothing-there"], "nothing-there"),
+    ],
+)
+def test_bad_input_is_one_sentence(words: list[str], said: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == BAD_INPUT
+    err = capfd.readouterr().err
+    assert said in err
+    assert len(err.strip().splitlines()) == 1

@@ -1,0 +1,268 @@
+"""The page in a real browser: it flies as one expects, walls hold, and it shows what our renderer shows."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage.metrics import structural_similarity
+
+from naris.anatomy.folder import save_anatomy
+from naris.core.camera import Intrinsics
+from naris.core.pose import CAMERA, Pose
+from naris.dataset.read import Dataset
+from naris.render.keyframes import read_keyframes
+from naris.render.scene import Scene, render
+from naris.serve.stage import steady
+from tests import simulated_head
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--hide-scrollbars",
+    "--window-size=1280,800",
+)
+LONG_S = 120
+TURNS = ["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "KeyQ", "KeyE"]
+MOVES = ["KeyW", "KeyS", "KeyA", "KeyD", "PageUp", "PageDown"]
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        CHROMIUM is None or DRIVER is None, reason="needs Chromium and its driver (Debian: chromium, chromium-driver)"
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("steer")
+
+
+@pytest.fixture(scope="module")
+def address(folder: Path) -> Iterator[str]:
+    save_anatomy(simulated_head.nose(), folder / "nose")
+    command = [sys.executable, "-m", "naris", "steer", "nose", "--no-browser", "--port", "0", "--json"]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as child:
+        text = ""
+        assert child.stdout is not None
+        for line in child.stdout:
+            text += line
+            if line == "}\n":
+                break
+        yield str(json.loads(text)["address"])
+        child.terminate()
+
+
+@pytest.fixture(scope="module")
+def browser(address: str) -> Iterator[Any]:
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(CHROMIUM)
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
+    driver.set_script_timeout(LONG_S)
+    try:
+        opened(driver, address)
+        yield driver
+        assert [line for line in driver.get_log("browser") if line["level"] == "SEVERE"] == []
+    finally:
+        driver.quit()
+
+
+@pytest.fixture
+def run(browser: Any) -> Callable[..., Any]:
+    """A script in the page, at its start with nothing pressed and no loop of its own that moves."""
+    browser.execute_script("naris.page.keys.releaseAll(); naris.state.flying = null; naris.go(naris.page.start.pose)")
+    return browser.execute_script
+
+
+def opened(driver: Any, address: str) -> None:
+    driver.get(address)
+    until(lambda: driver.execute_script("return document.documentElement.dataset.ready") == "yes")
+
+
+def until(true: Callable[[], object]) -> None:
+    end = time.monotonic() + LONG_S
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def shown(run: Callable[..., Any], pose: np.ndarray, fov_deg: float, size: int) -> np.ndarray:
+    """What the page draws at a pose."""
+    url = run("return naris.picture(arguments[0], arguments[1], arguments[2], arguments[2])", pose, fov_deg, size)
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGB"))
+
+
+def alike(a: np.ndarray, b: np.ndarray) -> float:
+    return float(structural_similarity(a, b, channel_axis=2))
+
+
+@pytest.mark.parametrize(
+    ("key", "axis", "sign"),
+    [("ArrowRight", 0, -1), ("ArrowLeft", 0, 1), ("ArrowUp", 1, 1), ("ArrowDown", 1, -1),
+     ("KeyD", 0, -1), ("KeyA", 0, 1), ("PageUp", 1, 1), ("PageDown", 1, -1)],
+)  # fmt: skip
+def test_what_lies_ahead_goes_the_other_way(run: Callable[..., Any], key: str, axis: int, sign: int) -> None:
+    """Steering right moves a landmark left in the picture: x is right, y is down."""
+    point = run("const p = naris.pose(); return [0, 1, 2].map(i => p[i][3] + 6 * p[i][2])")
+    before, after = run(
+        "const before = naris.project(arguments[0]); naris.page.keys.press(arguments[1]); naris.step(0.05);"
+        "naris.page.keys.release(arguments[1]); return [before, naris.project(arguments[0])]", point, key,
+    )  # fmt: skip
+    assert np.allclose(before, 0, atol=1e-9)
+    assert sign * after[axis] > 0.004
+    assert abs(after[1 - axis]) < 1e-3
+
+
+def test_in_and_out_go_along_the_shaft_and_come_back(run: Callable[..., Any]) -> None:
+    way = run(
+        "const at = () => naris.pose().slice(0, 3).map(r => r[3]), p = naris.pose(), far = [];"
+        "for (const key of ['KeyW', 'KeyS']) { const a = at(); naris.page.keys.press(key); naris.step(0.1);"
+        "naris.page.keys.release(key); const b = at();"
+        "far.push([0, 1, 2].reduce((q, i) => q + (b[i] - a[i]) * p[i][2], 0)); } return far"
+    )
+    speed = run("return naris.page.flight.speed")
+    assert way[0] == pytest.approx(0.1 * speed, rel=0.2)
+    assert way[1] == pytest.approx(-way[0], rel=0.2)
+
+
+def test_angled_optics_look_aside_and_stand_still(run: Callable[..., Any]) -> None:
+    straight = np.array(run("return naris.pose()"))
+    for angle, post in ((30, 0), (45, 90), (70, -120)):
+        pose = np.array(
+            run("naris.page.flight.setOptics(arguments[0], arguments[1]); return naris.pose()", angle, post)
+        )
+        run("naris.page.flight.setOptics(0, 0)")
+        np.testing.assert_allclose(pose[:3, 3], straight[:3, 3])
+        seen = straight[:3, :3].T @ pose[:3, 2]
+        a, phi = np.deg2rad([angle, post])
+        np.testing.assert_allclose(seen, [np.sin(a) * np.sin(phi), -np.sin(a) * np.cos(phi), np.cos(a)], atol=1e-9)
+
+
+def test_ten_thousand_keys_do_not_lead_through_a_wall(run: Callable[..., Any]) -> None:
+    least, far, straight = run(
+        """const keys = arguments[0], flight = naris.page.flight, begun = flight.position;
+        let seed = 7, least = 99, far = 0;
+        const random = (n) => (seed = (seed * 1103515245 + 12345) % 2147483648) % n;
+        for (let i = 0; i < 10000; i++) {
+          const key = keys[random(keys.length)];
+          naris.page.keys.press(key, random(3) === 0);
+          naris.step(0.05 + random(10) / 100);
+          naris.page.keys.release(key);
+          least = Math.min(least, naris.distance());
+          far = Math.max(far, Math.hypot(...flight.position.map((x, k) => x - begun[k])));
+        }
+        const p = naris.pose(), c = (k) => [p[0][k], p[1][k], p[2][k]];
+        const dot = (a, b) => a.reduce((s, x, i) => s + x * b[i], 0);
+        return [least, far, Math.max(Math.abs(dot(c(0), c(1))), Math.abs(dot(c(2), c(2)) - 1))]""",
+        [*MOVES, *TURNS],
+    )
+    assert least > 0.3
+    assert far > 5  # it went somewhere
+    assert straight < 1e-9
+
+
+def test_through_walls_only_when_told(run: Callable[..., Any]) -> None:
+    through = (
+        "naris.page.flight.throughWalls = arguments[0]; naris.page.keys.press('KeyA');"
+        "for (let i = 0; i < 100; i++) naris.step(0.1);"
+        "naris.page.keys.release('KeyA'); naris.page.flight.throughWalls = false; return naris.distance()"
+    )
+    assert run(through, False) > 0.3
+    assert run(through, True) < 0
+
+
+def test_the_page_shows_what_our_renderer_does(run: Callable[..., Any]) -> None:
+    nose = simulated_head.nose()
+    scene, camera = Scene(nose), Intrinsics.from_vertical_fov(200, 200, 70.0)
+    places = run("return naris.page.about.places.map(p => p.pose)")
+    for matrix in places[:: len(places) // 4]:
+        pose = Pose(np.array([matrix]), nose.frame, CAMERA)
+        ours = render(scene, pose, camera, steady(), want=("rgb",)).rgb
+        assert ours is not None
+        assert alike(shown(run, matrix, 70.0, 200), ours[0]) > 0.98
+
+
+def test_a_click_on_a_region_arrives_in_it(run: Callable[..., Any], browser: Any) -> None:
+    for number in (2, 3):
+        run(f"document.querySelectorAll('#regions button')[{number}].click()")
+        until(lambda: browser.execute_script("return naris.state.flying === null"))
+        assert run_now(browser, "return naris.region()") == number
+    until(lambda: browser.execute_script("return naris.page.flight.undo()"))
+    assert run_now(browser, "return naris.region()") == 2
+
+
+def run_now(browser: Any, script: str) -> Any:
+    return browser.execute_script(script)
+
+
+def test_keyframes_survive_a_reload_and_their_pictures_are_those_of_simulate(
+    run: Callable[..., Any], browser: Any, address: str, folder: Path
+) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    line = simulated_head.nose().passages[0].points_mm
+    start = len(line) // 3
+    poses = Pose.look(
+        line[[start, start + 6]], line[[start + 8, start + 14]] - line[[start, start + 6]], np.array([0.0, 0, 1]), "LPS"
+    )
+    for pose in poses.matrix:
+        run("naris.go(arguments[0]); document.getElementById('inside-canvas').focus()", pose.tolist())
+        ActionChains(browser).send_keys("c").perform()
+    until(lambda: (folder / "keyframes.json").exists() and len(read_keyframes(folder / "keyframes.json")) == 2)
+    np.testing.assert_allclose(
+        read_keyframes(folder / "keyframes.json").anatomy_T_camera.matrix, poses.matrix, atol=1e-6
+    )
+    opened(browser, address)
+    until(lambda: browser.execute_script("return document.querySelectorAll('#strip li').length") == 2)
+    browser.execute_script("document.getElementById('per-position').value = 1;"
+                           "document.getElementById('simulate').click()")  # fmt: skip
+    until(lambda: "pictures in" in browser.execute_script("return document.getElementById('simulated').textContent"))
+    dataset = Dataset.open(folder / "keyframes-pictures")
+    assert len(dataset) >= 3
+    for i in (0, len(dataset) - 1):
+        pose = dataset.anatomy_T_camera[i].matrix.tolist()
+        page = shown(browser.execute_script, pose, dataset.intrinsics.vertical_fov_deg, dataset.intrinsics.height)
+        assert alike(page, dataset.images([i])[0]) > 0.9
+
+
+def test_every_control_has_a_name_and_nothing_sticks_out(run: Callable[..., Any], browser: Any) -> None:
+    for width, height in ((1280, 720), (3840, 2160)):
+        browser.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
+        )
+        told = run(
+            "const page = document.documentElement; return {over: page.scrollWidth - innerWidth,"
+            " tall: page.scrollHeight - innerHeight, nameless: [...document.querySelectorAll('button, input, select, canvas, a')].filter(e =>"
+            " !e.hidden && !(e.ariaLabel || e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length))"
+            ".map(e => e.id)}"
+        )
+        assert told == {"over": 0, "tall": 0, "nameless": []}, width
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})

@@ -1,0 +1,185 @@
+"""What the page asks the viewer for: pictures by our renderer, keyframes in their file, pictures along them."""
+
+from __future__ import annotations
+
+import io
+import json
+import threading
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from starlette.testclient import TestClient
+
+from naris.core.anatomy import Anatomy
+from naris.core.camera import Intrinsics
+from naris.core.pose import Pose
+from naris.core.progress import Progress
+from naris.core.results import Prediction
+from naris.errors import KeyframeError
+from naris.render.appearance import ENDOSCOPE
+from naris.render.keyframes import Keyframes, interpolate, read_keyframes, read_original_keyframes, write_keyframes
+from naris.render.scene import Scene, render
+from naris.serve.stage import steady
+from naris.serve.viewer import Viewer
+
+
+def along(anatomy: Anatomy, count: int) -> Pose:
+    line = anatomy.passages[0].points_mm
+    at = np.linspace(20, len(line) - 40, count).astype(int)
+    return Pose.look(line[at], line[at + 10] - line[at], np.array([0.0, 0.0, 1.0]), anatomy.frame)
+
+
+def rows(poses: Pose) -> list[dict[str, object]]:
+    return [{"name": f"{i:02d}", "pose": poses[i].matrix.tolist()} for i in range(len(poses))]
+
+
+@pytest.mark.parametrize("is_steady", [True, False])
+def test_a_frame_is_that_of_our_renderer(client: TestClient, anatomy: Anatomy, is_steady: bool) -> None:
+    pose = along(anatomy, 1)
+    asked = {"pose": pose[0].matrix.tolist(), "fov_deg": 80, "width": 120, "height": 90, "steady": is_steady}
+    answer = client.post("/api/frame", json=asked)
+    assert answer.headers["content-type"] == "image/png"
+    look = steady() if is_steady else ENDOSCOPE
+    expected = render(Scene(anatomy), pose, Intrinsics.from_vertical_fov(120, 90, 80.0), look, want=("rgb",)).rgb
+    assert expected is not None
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(answer.content))), expected[0])
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"pose": [[1, 0], [0, 1]]}, "a pose of 4×4 numbers"),
+        ({"pose": np.diag([1.0, 1, -1, 1]).tolist()}, "left-handed"),
+        ({"pose": [[1.0, 0, 0, 0]] * 4}, "expected"),
+    ],
+)
+def test_what_is_no_pose_is_refused_in_a_sentence(client: TestClient, change: dict[str, object], told: str) -> None:
+    answer = client.post("/api/frame", json=change)
+    assert answer.status_code == 400
+    assert answer.json()["error"].startswith("expected")
+    assert told in answer.json()["error"] or "rotation" in answer.json()["error"]
+
+
+@pytest.mark.parametrize("change", [{"width": 100_000}, {"fov_deg": 0}, {"pose": "x"}, {"more": 1}])
+def test_what_cannot_be_asked_for_is_refused(client: TestClient, anatomy: Anatomy, change: dict[str, object]) -> None:
+    asked = {"pose": along(anatomy, 1)[0].matrix.tolist()} | change
+    assert client.post("/api/frame", json=asked).status_code == 422
+
+
+def test_keyframes_are_in_their_file_at_once_and_in_the_next_viewer(
+    client: TestClient, viewer: Viewer, anatomy: Anatomy
+) -> None:
+    poses = along(anatomy, 3)
+    assert client.get("/api/keyframes").json() == {"revision": 0, "keyframes": []}
+    told = client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)}).json()
+    assert told["revision"] == 1
+    kept = read_keyframes(viewer.keyframes, anatomy)
+    np.testing.assert_allclose(kept.anatomy_T_camera.matrix, poses.matrix)
+    again = Viewer(anatomy, anatomy.region_set(), viewer.keyframes)
+    assert again.told_keyframes()["keyframes"] == told["keyframes"]
+    client.put("/api/keyframes", json={"revision": 1, "keyframes": []})
+    assert not viewer.keyframes.exists()
+
+
+def test_a_page_that_was_left_behind_changes_nothing(client: TestClient, viewer: Viewer, anatomy: Anatomy) -> None:
+    poses = along(anatomy, 3)
+    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)})
+    answer = client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses[:1])})
+    assert answer.status_code == 400
+    assert "changed elsewhere" in answer.json()["error"]
+    assert len(read_keyframes(viewer.keyframes)) == 3
+
+
+def test_a_broken_keyframe_changes_nothing(client: TestClient, viewer: Viewer, anatomy: Anatomy) -> None:
+    poses = along(anatomy, 2)
+    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)})
+    broken = [{"name": "00", "pose": np.diag([1.0, 1, -1, 1]).tolist()}]
+    assert client.put("/api/keyframes", json={"revision": 1, "keyframes": broken}).status_code == 400
+    assert len(read_keyframes(viewer.keyframes)) == 2
+
+
+def test_those_of_another_anatomy_are_refused_with_both_names(
+    client: TestClient, anatomy: Anatomy, tmp_path: Path
+) -> None:
+    other = anatomy.with_(vertices_mm=anatomy.vertices_mm + 1.0, name="another tube")
+    path = tmp_path / "theirs.json"
+    write_keyframes(Keyframes.of(along(other, 2), other), path)
+    answer = client.post("/api/keyframes/import", content=path.read_bytes())
+    assert answer.status_code == 400
+    assert "a winding tube" in answer.json()["error"] and "another tube" in answer.json()["error"]
+    with pytest.raises(KeyframeError, match="another tube"):
+        Viewer(anatomy, anatomy.region_set(), path)
+
+
+def test_export_comes_back(client: TestClient, anatomy: Anatomy, tmp_path: Path) -> None:
+    assert client.get("/api/keyframes/export/json").status_code == 400
+    poses = along(anatomy, 3)
+    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)})
+    whole = client.get("/api/keyframes/export/json").content
+    assert client.post("/api/keyframes/import", content=whole).json()["keyframes"] == rows(poses)
+    zipped = zipfile.ZipFile(io.BytesIO(client.get("/api/keyframes/export/original").content))
+    zipped.extractall(tmp_path / "original")
+    back = read_original_keyframes(tmp_path / "original", anatomy.frame)
+    np.testing.assert_allclose(back.anatomy_T_camera.position_mm, poses.position_mm, atol=1e-5)
+    assert client.get("/api/keyframes/export/xml").status_code == 404
+
+
+def test_the_trajectory_is_that_of_simulate(client: TestClient, anatomy: Anatomy) -> None:
+    poses = along(anatomy, 3)
+    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)})
+    told = client.get("/api/trajectory?step_mm=2").json()["poses"]
+    np.testing.assert_allclose(told, interpolate(Keyframes.of(poses, anatomy), 2.0).anatomy_T_camera.matrix)
+
+
+def test_pictures_along_the_keyframes_one_work_at_a_time(client: TestClient, viewer: Viewer, anatomy: Anatomy) -> None:
+    begun, may_end = threading.Event(), threading.Event()
+
+    def simulate(keyframes: Path, folder: Path, per_position: int, step_mm: float, progress: Progress) -> int:
+        with progress.task("pictures", 40) as advance:
+            advance(10)
+            begun.set()
+            may_end.wait(10)
+        assert len(read_keyframes(keyframes)) == 2
+        return 4 * per_position
+
+    viewer.simulate = simulate
+    assert client.post("/api/simulate", json={}).status_code == 400  # nothing to go along
+    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(along(anatomy, 2))})
+    assert client.post("/api/simulate", json={"per_position": 10}).json()["running"]
+    assert begun.wait(10)
+    told = client.get("/api/simulate").json()
+    assert (told["done"], told["total"], told["folder"]) == (10, 40, "keyframes-pictures")
+    assert "one simulation at a time" in client.post("/api/simulate", json={}).json()["error"]
+    may_end.set()
+    for _ in range(100):
+        if not (told := client.get("/api/simulate").json())["running"]:
+            break
+        time.sleep(0.05)
+    assert told["said"] == "40 pictures in keyframes-pictures"
+
+
+def test_what_a_model_says_of_pictures_and_poses(client: TestClient, viewer: Viewer, anatomy: Anatomy) -> None:
+    seen: list[np.ndarray] = []
+
+    def locate(image: np.ndarray) -> Prediction:
+        seen.append(image)
+        return Prediction("slabs", ("one", "two"), np.log([0.25, 0.75]), along(anatomy, 2), np.array([0.6, 0.4]))
+
+    pose = along(anatomy, 1)[0].matrix.tolist()
+    assert "--model" in client.post("/api/believed", json={"pose": pose}).json()["error"]
+    viewer.locate, viewer.model_camera = locate, Intrinsics.from_vertical_fov(100, 80, 60.0)
+    told = client.post("/api/believed", json={"pose": pose}).json()
+    assert seen[0].shape == (80, 100, 3)
+    assert told["probabilities"] == pytest.approx([0.25, 0.75])
+    np.testing.assert_allclose(told["hypotheses"][1]["pose"], along(anatomy, 2)[1].matrix)
+    buffer = io.BytesIO()
+    picture = np.random.default_rng(0).integers(0, 255, (60, 70, 3), dtype=np.uint8)
+    Image.fromarray(picture).save(buffer, "PNG")
+    client.post("/api/locate", content=buffer.getvalue())
+    np.testing.assert_array_equal(seen[1], picture)
+    answer = client.post("/api/locate", content=json.dumps({"no": "picture"}).encode())
+    assert answer.status_code == 400 and "a picture" in answer.json()["error"]
