@@ -63,11 +63,11 @@ def test_it_serves_until_ctrl_c(tube: Path, tmp_path: Path) -> None:
         (["steer"], "expected ANATOMY"),
         (["steer", "nothing-there"], "nothing-there"),
         (["steer", "builtin", "--port", "70000"], "a port from 0 to 65535"),
-        (["steer", "builtin", "--model", "nothing-there"], "nothing-there"),
+        (["steer", "TUBE", "--model", "nothing-there"], "nothing-there"),
     ],
 )
-def test_bad_input_is_one_sentence(words: list[str], said: str, capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(words) == BAD_INPUT
+def test_bad_input_is_one_sentence(words: list[str], said: str, tube: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tube) if word == "TUBE" else word for word in words]) == BAD_INPUT
     err = capfd.readouterr().err
     assert said in err
     assert len(err.strip().splitlines()) == 1

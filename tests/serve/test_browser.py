@@ -259,10 +259,12 @@ def test_every_control_has_a_name_and_nothing_sticks_out(run: Callable[..., Any]
             {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
         )
         told = run(
-            "const page = document.documentElement; return {over: page.scrollWidth - innerWidth,"
-            " tall: page.scrollHeight - innerHeight, nameless: [...document.querySelectorAll('button, input, select, canvas, a')].filter(e =>"
-            " !e.hidden && !(e.ariaLabel || e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length))"
-            ".map(e => e.id)}"
+            """const page = document.documentElement;
+            const named = (e) => e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length;
+            const nameless = [...document.querySelectorAll('button, input, select, canvas, a')].filter(
+              (e) => !e.hidden && !named(e));
+            return {over: page.scrollWidth - innerWidth, tall: page.scrollHeight - innerHeight,
+              nameless: nameless.map((e) => e.id)}"""
         )
         assert told == {"over": 0, "tall": 0, "nameless": []}, width
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
