@@ -16,6 +16,7 @@ from naris.cli.options import IfGiven
 if TYPE_CHECKING:
     from naris.core.anatomy import Anatomy
     from naris.core.progress import Progress
+    from naris.serve.slices import Slices
     from naris.serve.viewer import Locate, Simulate
 
 
@@ -29,6 +30,8 @@ class Options:
     """Region set to colour with: one of the anatomy's own, a JSON file, or four even slabs; by default its first."""
     model: Annotated[IfGiven[Path], tyro.conf.arg(aliases=["-m"], metavar="MODEL")] = None
     """Weights made by naris train, whose answer to what the scope sees is shown."""
+    ct: Annotated[IfGiven[Path], tyro.conf.arg(metavar="SCAN")] = None
+    """The CT that the anatomy was found in (DICOM folder or file, NRRD, NIfTI, MetaImage), to show slices of."""
     keyframes: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("keyframes.json")
     """The file that keyframes are kept in (docs/keyframes.md); pictures along them go to a folder beside it."""
     port: int = 8765
@@ -58,7 +61,7 @@ def run(options: Options, console: Console) -> int:
     from naris.serve.viewer import Viewer
 
     locate, camera = (None, None) if options.model is None else _model(options.model, anatomy)
-    viewer = Viewer(anatomy, regions, options.keyframes, locate, camera, _simulate(options))
+    viewer = Viewer(anatomy, regions, options.keyframes, locate, camera, _simulate(options), _slices(options, anatomy))
     for lacking in missing(anatomy, regions):
         console.log.warning("%s has %s", anatomy.name, lacking)
 
@@ -109,6 +112,16 @@ def _model(path: Path, anatomy: Anatomy) -> tuple[Locate, Any]:
             f"a model made for {anatomy.name}", f"one made for {subject.anatomy}", "train one on this anatomy"
         )
     return lambda image: locate([image], localizer)[0], subject.intrinsics
+
+
+def _slices(options: Options, anatomy: Anatomy) -> Slices | None:
+    if options.ct is None:
+        return None
+    from naris.anatomy.distance import lumen_distance
+    from naris.ct.read import read_scan
+    from naris.serve.slices import Slices
+
+    return Slices(read_scan(options.ct).volume, lumen_distance(anatomy))
 
 
 def _simulate(options: Options) -> Simulate:

@@ -13,9 +13,9 @@ from PIL import Image
 
 from naris.core.pictures import check_array
 from naris.errors import ImageError, InputError, NarisError
-from naris.serve.viewer import FrameAsked, PoseTold, Viewer
+from naris.serve.viewer import FrameAsked, PoseTold, SlicesAsked, Viewer
 
-_MODULES = ("steer", "inside", "outside", "flight", "room", "parcel", "keys", "strip", "shaders", "talk")
+_MODULES = ("steer", "inside", "outside", "flight", "room", "parcel", "keys", "strip", "slices", "shaders", "talk")
 STATIC = {
     "": ("index.html", "text/html; charset=utf-8"),
     "steer.css": ("steer.css", "text/css; charset=utf-8"),
@@ -53,6 +53,10 @@ def _looking(app: FastAPI, viewer: Viewer) -> None:
     def frame(asked: FrameAsked) -> Response:
         return Response(_png(viewer.frame(asked)), media_type="image/png")
 
+    def slices(asked: SlicesAsked) -> Response:
+        return Response(_png(viewer.sliced(asked)), media_type="image/png")
+
+    app.add_api_route("/api/slices", slices, methods=["POST"], response_model=None)
     app.add_api_route("/api/start", start, methods=["GET"], response_model=None)
     app.add_api_route("/api/parcel/{name}", parcel, methods=["GET"], response_model=None)
     app.add_api_route("/api/frame", frame, methods=["POST"], response_model=None)

@@ -34,6 +34,7 @@ from naris.render.keyframes import (
     write_original_keyframes,
 )
 from naris.render.scene import Scene, render
+from naris.serve.slices import Slices
 from naris.serve.stage import look_parcel, room_parcel, start_pose, steady, surface_parcel
 
 _MOST_PX = 2048
@@ -53,6 +54,17 @@ class FrameAsked(BaseModel):
     width: int = Field(300, ge=16, le=_MOST_PX)
     height: int = Field(300, ge=16, le=_MOST_PX)
     steady: bool = True
+
+
+class SlicesAsked(BaseModel):
+    """Three slices through a place."""
+
+    model_config = ConfigDict(extra="forbid")
+    place: tuple[float, float, float]
+    span_mm: float = Field(80.0, ge=5, le=400)
+    size: int = Field(240, ge=32, le=800)
+    level: float = Field(0.0, ge=-2000, le=5000)
+    width: float = Field(2500.0, ge=1, le=10_000)
 
 
 class PoseTold(BaseModel):
@@ -121,6 +133,7 @@ class Viewer:
         locate: a model's answer to a picture, where there is a model.
         model_camera: the camera that the model knows.
         simulate: makes pictures along keyframes.
+        slices: of the CT that the anatomy was found in, where that is given.
     """
 
     PARCELS: ClassVar[tuple[str, ...]] = ("surface", "room", "look")
@@ -131,6 +144,7 @@ class Viewer:
     locate: Locate | None = None
     model_camera: Intrinsics | None = None
     simulate: Simulate | None = None
+    slices: Slices | None = None
     work: Work = field(default_factory=Work)
     _kept: Keyframes | None = None
     _revision: int = 0
@@ -164,6 +178,7 @@ class Viewer:
             "digest": self.anatomy.digest,
             "hasModel": self.locate is not None,
             "hasSimulate": self.simulate is not None,
+            "hasSlices": self.slices is not None,
             "keyframesFile": self.keyframes.name,
         }
 
@@ -175,6 +190,16 @@ class Viewer:
         """
         camera = Intrinsics.from_vertical_fov(asked.width, asked.height, asked.fov_deg)
         return self._rendered(self._pose(asked.pose), camera, asked.steady)
+
+    def sliced(self, asked: SlicesAsked) -> UInt8[np.ndarray, "h w 3"]:
+        """Three slices of the CT, side by side.
+
+        Raises:
+            InputError: if there is no CT.
+        """
+        if self.slices is None:
+            raise InputError("a CT", "none", "start naris steer with --ct")
+        return self.slices.picture(np.array(asked.place), asked.span_mm, asked.size, (asked.level, asked.width))
 
     def _rendered(self, pose: Pose, camera: Intrinsics, is_steady: bool) -> UInt8[np.ndarray, "h w 3"]:
         look = steady() if is_steady else ENDOSCOPE

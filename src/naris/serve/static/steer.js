@@ -7,6 +7,7 @@ import { between, Flight, project } from "./flight.js";
 import { help, Keys, PROFILES } from "./keys.js";
 import { geometryOf, Inside, paletteOf } from "./inside.js";
 import { Outside } from "./outside.js";
+import { Slices } from "./slices.js";
 import { Strip } from "./strip.js";
 
 const $ = (id) => document.getElementById(id);
@@ -36,7 +37,8 @@ async function begin() {
   const outside = new Outside($("outside-canvas"), geometry, palette, surface);
   const room = new Room(await binary("/api/parcel/room"));
   const flight = new Flight(room, bookmarked(start.digest) ?? start.pose);
-  const page = { start, surface, about, inside, outside, room, flight, keys: new Keys() };
+  const page = { start, surface, about, inside, outside, room, flight, keys: new Keys(), slices: null };
+  if (start.hasSlices) page.slices = new Slices($("slices-canvas"), complain);
   page.strip = new Strip($("strip"), {
     pose: () => flight.pose,
     fovDeg: () => Math.min(state.fov, 140),
@@ -99,6 +101,7 @@ function draw(page, now) {
     state.stillSince = now;
     state.wasTold = false;
     told(page, pose);
+    page.slices?.follow(flight.position);
   } else if (!state.wasTold && now - state.stillSince > STILL_MS) {
     state.wasTold = true;
     atRest(page, pose);
@@ -239,6 +242,10 @@ function controls(page) {
   slider("fov", "fov-out", (v) => `${v}°`, (v) => (state.fov = v));
   slider("light", "light-out", (v) => `${(2 ** v).toFixed(1)}×`, (v) => (inside.brightness = 2 ** v));
   slider("tint", "tint-out", (v) => `${v} %`, (v) => (inside.tint = v / 100));
+  for (const id of ["slices", "slices-controls"]) $(id).hidden = page.slices === null;
+  slider("span", "span-out", (v) => `${v} mm`, (v) => page.slices?.set("span_mm", v));
+  slider("level", "level-out", (v) => `${v} HU`, (v) => page.slices?.set("level", v));
+  slider("window", "window-out", (v) => `${v} HU`, (v) => page.slices?.set("width", v));
   slider("post", "post-out", (v) => `${v}°`, () => optics(flight));
   $("optics").addEventListener("change", () => optics(flight));
   $("through").addEventListener("change", () => (flight.throughWalls = $("through").checked));

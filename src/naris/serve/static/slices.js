@@ -1,0 +1,68 @@
+// Slices of the CT through the scope: asked for as it moves, one at a time, the latest place last.
+
+import { ask, Refused } from "./talk.js";
+
+const SIZE_PX = 260, NEAR_MM = 0.05;
+
+export class Slices {
+  constructor(canvas, complain) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d");
+    this.complain = complain;
+    this.settings = { span_mm: 80, level: 0, width: 2500 };
+    this.waiting = null;
+    this.asking = false;
+    this.shown = null;
+  }
+
+  set(name, value) {
+    this.settings[name] = value;
+    if (this.shown) this.follow(this.shown, true);
+  }
+
+  /** The scope is here. */
+  follow(place, always = false) {
+    const moved = !this.shown || Math.hypot(...place.map((one, k) => one - this.shown[k])) > NEAR_MM;
+    if (!moved && !always) return;
+    this.shown = [...place];
+    this.waiting = this.shown;
+    if (!this.asking) this.#ask();
+  }
+
+  async #ask() {
+    this.asking = true;
+    try {
+      while (this.waiting) {
+        const place = this.waiting;
+        this.waiting = null;
+        const body = JSON.stringify({ place, size: SIZE_PX, ...this.settings });
+        const answer = await ask("/api/slices", { method: "POST", headers: { "content-type": "application/json" }, body });
+        this.#show(await createImageBitmap(await answer.blob()));
+      }
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error;
+      this.complain(error);
+    } finally {
+      this.asking = false;
+    }
+  }
+
+  #show(picture) {
+    const { canvas, context } = this;
+    if (canvas.width !== picture.width) [canvas.width, canvas.height] = [picture.width, picture.height];
+    context.drawImage(picture, 0, 0);
+    context.strokeStyle = "#4fc3f7";
+    const middle = SIZE_PX / 2;
+    for (let k = 0; k < 3; k++) {
+      const x = k * SIZE_PX + middle;
+      context.beginPath();
+      for (const [a, b] of [[-14, -4], [4, 14]]) {
+        context.moveTo(x + a, middle);
+        context.lineTo(x + b, middle);
+        context.moveTo(x, middle + a);
+        context.lineTo(x, middle + b);
+      }
+      context.stroke();
+    }
+  }
+}
