@@ -87,7 +87,7 @@ def test_what_is_imported_is_declared_and_nothing_else() -> None:
         return {canonicalize_name(Requirement(line).name) for line in lines}
 
     product, extras = declared(PROJECT["dependencies"]), PROJECT["optional-dependencies"]
-    optional = [line for name in ("vtk", "peers", "small-gicp", "open3d") for line in extras[name]]
+    optional = [line for name in ("vtk", "peers", "browser", "small-gicp", "open3d") for line in extras[name]]
     assert imported("src") - declared(optional) == product
     slicer = {"slicer"}  # what `make slicer` runs in an environment of its own
     assert imported("tests") - slicer <= product | declared(extras["test"])

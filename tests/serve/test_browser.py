@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import io
-import json
-import shutil
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 from skimage.metrics import structural_similarity
 
 from naris.anatomy.folder import save_anatomy
+from naris.bench.browser import chromium, missing_browser, opened, shown, sized, steering, until
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.dataset.read import Dataset
@@ -27,31 +20,11 @@ from naris.render.scene import Scene, render
 from naris.serve.stage import steady
 from tests import simulated_head
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-DRIVER = shutil.which("chromedriver")
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--hide-scrollbars",
-    "--window-size=1280,800",
-)
-LONG_S = 120
 TURNS = ["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "KeyQ", "KeyE"]
 MOVES = ["KeyW", "KeyS", "KeyA", "KeyD", "PageUp", "PageDown"]
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        CHROMIUM is None or DRIVER is None, reason="needs Chromium and its driver (Debian: chromium, chromium-driver)"
-    ),
-]
+LACKS = missing_browser()
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKS is not None, reason=f"needs {LACKS}")]
 
 
 @pytest.fixture(scope="module")
@@ -62,61 +35,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def address(folder: Path) -> Iterator[str]:
     save_anatomy(simulated_head.nose(), folder / "nose")
-    command = [sys.executable, "-m", "naris", "steer", "nose", "--no-browser", "--port", "0", "--json"]
-    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as child:
-        text = ""
-        assert child.stdout is not None
-        for line in child.stdout:
-            text += line
-            if line == "}\n":
-                break
-        yield str(json.loads(text)["address"])
-        child.terminate()
+    with steering(["nose"], folder) as (address, _):
+        yield address
 
 
 @pytest.fixture(scope="module")
 def browser(address: str) -> Iterator[Any]:
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = str(CHROMIUM)
-    for flag in FLAGS:
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
-    driver.set_script_timeout(LONG_S)
-    try:
+    with chromium() as driver:
         opened(driver, address)
         yield driver
         assert [line for line in driver.get_log("browser") if line["level"] == "SEVERE"] == []
-    finally:
-        driver.quit()
 
 
 @pytest.fixture
 def run(browser: Any) -> Callable[..., Any]:
     """A script in the page, at its start with nothing pressed and no loop of its own that moves."""
-    browser.execute_script("naris.page.keys.releaseAll(); naris.state.flying = null; naris.go(naris.page.start.pose)")
+    browser.execute_script(
+        "naris.state.paused = true;"  # a graphics card in software takes long, and nothing here looks at its pictures
+        "naris.page.keys.releaseAll(); naris.state.flying = null; naris.go(naris.page.start.pose)"
+    )
     return browser.execute_script
-
-
-def opened(driver: Any, address: str) -> None:
-    driver.get(address)
-    until(lambda: driver.execute_script("return document.documentElement.dataset.ready") == "yes")
-
-
-def until(true: Callable[[], object]) -> None:
-    end = time.monotonic() + LONG_S
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.1)
-
-
-def shown(run: Callable[..., Any], pose: np.ndarray, fov_deg: float, size: int) -> np.ndarray:
-    """What the page draws at a pose."""
-    url = run("return naris.picture(arguments[0], arguments[1], arguments[2], arguments[2])", pose, fov_deg, size)
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGB"))
 
 
 def alike(a: np.ndarray, b: np.ndarray) -> float:
@@ -198,7 +136,7 @@ def test_through_walls_only_when_told(run: Callable[..., Any]) -> None:
     assert run(through, True) < 0
 
 
-def test_the_page_shows_what_our_renderer_does(run: Callable[..., Any]) -> None:
+def test_the_page_shows_what_our_renderer_does(run: Callable[..., Any], browser: Any) -> None:
     nose = simulated_head.nose()
     scene, camera = Scene(nose), Intrinsics.from_vertical_fov(200, 200, 70.0)
     places = run("return naris.page.about.places.map(p => p.pose)")
@@ -206,7 +144,7 @@ def test_the_page_shows_what_our_renderer_does(run: Callable[..., Any]) -> None:
         pose = Pose(np.array([matrix]), nose.frame, CAMERA)
         ours = render(scene, pose, camera, steady(), want=("rgb",)).rgb
         assert ours is not None
-        assert alike(shown(run, matrix, 70.0, 200), ours[0]) > 0.98
+        assert alike(shown(browser, matrix, 70.0, 200), ours[0]) > 0.98
 
 
 def test_a_click_on_a_region_arrives_in_it(run: Callable[..., Any], browser: Any) -> None:
@@ -240,6 +178,7 @@ def test_keyframes_survive_a_reload_and_their_pictures_are_those_of_simulate(
         read_keyframes(folder / "keyframes.json").anatomy_T_camera.matrix, poses.matrix, atol=1e-6
     )
     opened(browser, address)
+    browser.execute_script("naris.state.paused = true")
     until(lambda: browser.execute_script("return document.querySelectorAll('#strip li').length") == 2)
     browser.execute_script("document.getElementById('per-position').value = 1;"
                            "document.getElementById('simulate').click()")  # fmt: skip
@@ -248,16 +187,13 @@ def test_keyframes_survive_a_reload_and_their_pictures_are_those_of_simulate(
     assert len(dataset) >= 3
     for i in (0, len(dataset) - 1):
         pose = dataset.anatomy_T_camera[i].matrix.tolist()
-        page = shown(browser.execute_script, pose, dataset.intrinsics.vertical_fov_deg, dataset.intrinsics.height)
+        page = shown(browser, pose, dataset.intrinsics.vertical_fov_deg, dataset.intrinsics.height)
         assert alike(page, dataset.images([i])[0]) > 0.9
 
 
 def test_every_control_has_a_name_and_nothing_sticks_out(run: Callable[..., Any], browser: Any) -> None:
     for width, height in ((1280, 720), (3840, 2160)):
-        browser.execute_cdp_cmd(
-            "Emulation.setDeviceMetricsOverride",
-            {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
-        )
+        sized(browser, width, height)
         told = run(
             """const page = document.documentElement;
             const named = (e) => e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length;
@@ -267,4 +203,10 @@ def test_every_control_has_a_name_and_nothing_sticks_out(run: Callable[..., Any]
               nameless: nameless.map((e) => e.id)}"""
         )
         assert told == {"over": 0, "tall": 0, "nameless": []}, width
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    sized(browser, 1280, 800)
+
+
+def test_without_webgl_the_page_says_so(address: str) -> None:
+    with chromium(more=["--disable-3d-apis"]) as driver:
+        driver.get(address)
+        until(lambda: "no WebGL 2" in driver.execute_script("return document.getElementById('here').textContent"))

@@ -34,6 +34,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
         ("trials", "cissticp", "peers", "deformable", "contours", "pictures", "shot"),
     ),
     "chain": Benchmark("naris.bench.chain", "frame in and pose out: each patient's own network starts a registration"),
+    "viewer": Benchmark("naris.bench.viewer", "how soon, how smooth and how true naris steer is in a browser"),
     "demo": Benchmark("naris.bench.demo", "what naris demo comes to, and its seconds"),
     "reproduce": Benchmark("naris.bench.reproduce", "the published experiment, every network on every split"),
 }

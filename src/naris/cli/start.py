@@ -37,6 +37,7 @@ _CHOICE = re.compile(
 )
 _VALUELESS = re.compile(r"Missing value for argument '(?P<option>\S+)'\.(?: Expected (?P<count>\S+) values\.)?")
 _UNKNOWN_OPTIONS = re.compile(r"Unrecognized options: (?P<those>.+)$")
+_OF_EVERY_VERB = "Also of every verb: --json, --quiet, --verbose (naris --help)."
 _KINDS = {"int": "INT", "float": "FLOAT"}
 
 
@@ -141,7 +142,8 @@ def _options(module: ModuleType, name: str, words: Sequence[str]) -> Any:
     told = io.StringIO()
     try:
         with redirect_stderr(told):
-            return tyro.cli(module.Options, prog=f"naris {name}", description=module.__doc__, args=list(words))
+            described = f"{module.__doc__}\n\n{_OF_EVERY_VERB}"
+            return tyro.cli(module.Options, prog=f"naris {name}", description=described, args=list(words))
     except SystemExit as stop:
         if not stop.code:
             raise

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,8 +44,6 @@ def run(options: Options, console: Console) -> int:
     from naris.cli.anatomies import open_anatomy
     from naris.errors import InputError, RegionError
 
-    if any(importlib.util.find_spec(name) is None for name in ("fastapi", "uvicorn")):
-        raise InputError("fastapi and uvicorn", "neither or one", "install them with pip install 'naris[viewer]'")
     if not 0 <= options.port < 65_536:
         raise InputError("a port from 0 to 65535", f"{options.port}", "name another")
     try:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
+from scipy.spatial import cKDTree
 
 from naris.anatomy.distance import SPACING_MM, SignedDistance, lumen_distance
 from naris.core.anatomy import Anatomy, RegionSet
@@ -27,6 +28,7 @@ _STRIDE = 2  # of the nodes that regions are told at
 _INTO_LUMEN_MM = 0.4
 _LOOK_AHEAD_MM = 3.0
 _LEAST_PLACE_MM = 0.3
+_OFF_BORDER_MM = 2.0
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,11 @@ def places(anatomy: Anatomy, regions: RegionSet | None) -> list[Place]:
         for number, name in enumerate(regions.names):
             here = np.flatnonzero((label == number) & roomy)
             if len(here):
-                widest = here[int(np.argmax(clearance[here]))]
+                # In the midst of it: a place at its border is soon in the next one.
+                others = points[label != number]
+                off = cKDTree(others).query(points[here])[0] if len(others) else np.full(len(here), np.inf)
+                midst = here[off >= min(_OFF_BORDER_MM, float(off.max()))]
+                widest = midst[int(np.argmax(clearance[midst]))]
                 found.append(Place(name, "region", _looking(anatomy, points[widest], towards[widest])))
     return found
 

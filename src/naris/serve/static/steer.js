@@ -8,14 +8,15 @@ import { help, Keys, PROFILES } from "./keys.js";
 import { geometryOf, Inside, paletteOf } from "./inside.js";
 import { Outside } from "./outside.js";
 import { Slices } from "./slices.js";
-import { Strip } from "./strip.js";
+import { button, Strip } from "./strip.js";
 
 const $ = (id) => document.getElementById(id);
 const STILL_MS = 250, LONGEST_S = 0.1, DRAG_RAD_PER_PX = 0.004, WHEEL_MM = 0.6, FLY_MS = 350;
-const PLAY_MM_S = 8, HASTE = 3, EXACT_PX = 640, SAY_MS = 6000, WATCH_MS = 2000, DEAD_ZONE = 0.15;
+const PLAY_MM_S = 8, HASTE = 3, SLOW_MS = 45, QUICK_MS = 22, LEAST_RATIO = 0.3, EXACT_PX = 640, SAY_MS = 6000, WATCH_MS = 2000, DEAD_ZONE = 0.15;
 
 const state = {
-  fov: 70, playing: null, flying: null, exact: false, stillSince: 0, told: "", lastDraw: 0, drawn: 0, keyframes: [],
+  fov: 70, playing: null, flying: null, exact: false, stillSince: 0, wasTold: false, lastDraw: 0, drawn: 0, marks: 0,
+  view: "", beside: "", look: 0, ratio: 1, isRough: false, paused: false, keyframes: [],
 };
 
 /** Runs the page; what cannot be is said in it. */
@@ -47,6 +48,7 @@ async function begin() {
     changed: (keyframes) => {
       state.keyframes = keyframes;
       outside.mark(keyframes.map((one) => one.pose));
+      state.marks++;
     },
   });
   controls(page);
@@ -70,10 +72,10 @@ async function binary(path) {
 // --- the loop -------------------------------------------------------------------------------------------------------
 
 function loop(page, now) {
-  const seconds = Math.min((now - state.lastDraw) / 1000, LONGEST_S);
+  const spent = now - state.lastDraw;
   state.lastDraw = now;
-  step(page, seconds, now);
-  draw(page, now);
+  step(page, Math.min(spent / 1000, LONGEST_S), now);
+  if (!state.paused) draw(page, now, spent);
   requestAnimationFrame((next) => loop(page, next));
 }
 
@@ -87,17 +89,26 @@ function step(page, seconds, now) {
   flight.advance(wish, seconds, keys.haste ? HASTE : 1);
 }
 
-function draw(page, now) {
+/** Draws what has changed; while it changes no finer than it can be done quickly, at rest as fine as the screen. */
+function draw(page, now, spent) {
   const { flight, inside, outside } = page;
   const pose = flight.pose;
-  const [w, h] = inside.size;
-  inside.draw(pose, state.fov);
-  outside.follow(flight.position, flight.shaft);
-  outside.draw(pose, state.fov, w / h);
-  state.drawn++;
-  const key = pose.map((row) => row.map((one) => one.toFixed(4)).join()).join() + state.fov;
-  if (key !== state.told) {
-    state.told = key;
+  const view = `${pose.flat().map((one) => one.toFixed(4))} ${state.fov} ${state.look} ${inside.size}`;
+  const beside = `${view} ${outside.turn} ${outside.reach} ${state.marks}`;
+  const moves = view !== state.view;
+  if (moves || state.isRough) {
+    if (moves) smoother(page, spent);
+    else if (now - state.stillSince > STILL_MS) refine(page, fullRatio());
+    inside.draw(pose, state.fov);
+    state.drawn++;
+  }
+  if (beside !== state.beside) {
+    outside.follow(flight.position, flight.shaft);
+    outside.draw(pose, state.fov, inside.size[0] / inside.size[1]);
+  }
+  state.view = `${pose.flat().map((one) => one.toFixed(4))} ${state.fov} ${state.look} ${inside.size}`;
+  state.beside = beside;
+  if (moves) {
     state.stillSince = now;
     state.wasTold = false;
     told(page, pose);
@@ -106,6 +117,24 @@ function draw(page, now) {
     state.wasTold = true;
     atRest(page, pose);
   }
+}
+
+/** Coarser where a frame takes long, finer again where it does not. */
+function smoother(page, spent) {
+  if (spent > SLOW_MS) refine(page, Math.max(state.ratio * 0.8, LEAST_RATIO));
+  else if (spent < QUICK_MS) refine(page, Math.min(state.ratio * 1.1, fullRatio()));
+}
+
+function refine(page, ratio) {
+  state.isRough = ratio < fullRatio() - 1e-6;
+  if (Math.abs(ratio - state.ratio) < 1e-6) return;
+  state.ratio = ratio;
+  const box = $("inside").getBoundingClientRect();
+  page.inside.resize(Math.round(box.width), Math.round(box.height), ratio);
+}
+
+function fullRatio() {
+  return Math.min(devicePixelRatio, 2);
 }
 
 function told(page, pose) {
@@ -280,6 +309,7 @@ function slider(id, out, words, act) {
   const set = () => {
     $(out).textContent = words(Number($(id).value));
     act(Number($(id).value));
+    state.look++;
   };
   $(id).addEventListener("input", set);
   set();
@@ -487,13 +517,25 @@ async function take(page, file) {
     }
     const said = await (await ask("/api/locate", { method: "POST", body: file })).json();
     showBelief(page, said);
-    page.outside.mark(said.hypotheses.map((one) => one.pose), true);
+    showGhosts(page, said.hypotheses);
     const best = said.probabilities.indexOf(Math.max(...said.probabilities));
     say(`${file.name}: ${said.regions[best]} (${Math.round(100 * said.probabilities[best])} %)`);
     if (said.hypotheses.length) fly(page, said.hypotheses[0].pose);
   } catch (error) {
     complain(error);
   }
+}
+
+/** What a model believes in: frustums in the outside view, and a button to fly to each. */
+function showGhosts(page, hypotheses) {
+  page.outside.mark(hypotheses.map((one) => one.pose), true);
+  state.marks++;
+  $("ghosts").replaceChildren(...hypotheses.map(({ pose, weight }, k) => {
+    const item = document.createElement("li");
+    item.append(button("", `fly to hypothesis ${k + 1}`, () => fly(page, pose), `hypothesis ${k + 1} · ${Math.round(100 * weight)} %`));
+    return item;
+  }));
+  $("ghosts-title").hidden = !hypotheses.length;
 }
 
 async function simulate(page) {
@@ -530,12 +572,13 @@ function showWork(work) {
 // --- sizes, and a handle for scripts --------------------------------------------------------------------------------
 
 function sizes(page) {
-  const ratio = Math.min(devicePixelRatio, 2);
+  state.ratio = fullRatio();
+  state.isRough = false;
   for (const [view, id] of [[page.inside, "inside"], [page.outside, "outside"]]) {
     const box = $(id).getBoundingClientRect();
-    view.resize(Math.round(box.width), Math.round(box.height), ratio);
+    view.resize(Math.round(box.width), Math.round(box.height), fullRatio());
   }
-  state.told = "";
+  state.view = state.beside = "";
 }
 
 /** `window.naris`: the page for scripts, as its tests drive it. */
@@ -556,6 +599,7 @@ function expose(page) {
       page.inside.draw(pose, fovDeg);
       const url = page.inside.renderer.domElement.toDataURL("image/png");
       page.inside.resize(...before);
+      state.view = "";
       return url;
     },
   };
