@@ -25,7 +25,7 @@ export class Outside {
     this.middle = low.clone().add(high).multiplyScalar(0.5);
     this.radius = high.distanceTo(low) / 2;
     this.turn = [2.2, 0.35]; // from the front and the left, a little from above
-    this.reach = this.radius * 4.6;
+    this.reach = this.radius * 3.6;
     this.lines = surface.about.passages.map((_, k) => this.#line(surface.arrays[`passage${k}`], 0x8a8f98));
     this.#scope();
     this.#makeTrail();

@@ -97,7 +97,8 @@ void main() {
   float corner = 1.0 + (size.x / size.y) * (size.x / size.y);
   float open = max(1.0 - vignette * dot(at, at) / corner, 0.0);
   vec3 colour = texture(palette, vec2((vRegion + 0.5) / 256.0, 0.5)).rgb;
-  light = vec4(mix(total, total * colour * 1.6, tint) * open * brightness, 1.0);
+  float grey = dot(total, vec3(0.30, 0.59, 0.11));
+  light = vec4(mix(total, grey * colour * 2.0, tint) * open * brightness, 1.0);
 }`;
 
 /** From light to grey levels: the gain of the exposure and the tone curve. */

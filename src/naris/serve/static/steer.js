@@ -56,8 +56,7 @@ async function begin() {
   dropping(page);
   await page.strip.load();
   sizes(page);
-  new ResizeObserver(() => sizes(page)).observe($("inside"));
-  new ResizeObserver(() => sizes(page)).observe($("outside"));
+  for (const id of ["inside-canvas", "outside-canvas"]) new ResizeObserver(() => sizes(page)).observe($(id));
   onConnection((lost) => ($("lost").hidden = !lost));
   watch();
   $("inside-canvas").focus();
@@ -129,7 +128,7 @@ function refine(page, ratio) {
   state.isRough = ratio < fullRatio() - 1e-6;
   if (Math.abs(ratio - state.ratio) < 1e-6) return;
   state.ratio = ratio;
-  const box = $("inside").getBoundingClientRect();
+  const box = $("inside-canvas").getBoundingClientRect();
   page.inside.resize(Math.round(box.width), Math.round(box.height), ratio);
 }
 
@@ -574,7 +573,7 @@ function showWork(work) {
 function sizes(page) {
   state.ratio = fullRatio();
   state.isRough = false;
-  for (const [view, id] of [[page.inside, "inside"], [page.outside, "outside"]]) {
+  for (const [view, id] of [[page.inside, "inside-canvas"], [page.outside, "outside-canvas"]]) {
     const box = $(id).getBoundingClientRect();
     view.resize(Math.round(box.width), Math.round(box.height), fullRatio());
   }
