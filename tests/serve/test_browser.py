@@ -191,6 +191,30 @@ def test_keyframes_survive_a_reload_and_their_pictures_are_those_of_simulate(
         assert alike(page, dataset.images([i])[0]) > 0.9
 
 
+def test_what_is_saved_without_a_connection_is_kept_when_there_is_one(
+    run: Callable[..., Any], browser: Any, folder: Path
+) -> None:
+    def is_connected(value: bool) -> None:
+        conditions = {"offline": not value, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+        browser.execute_cdp_cmd("Network.emulateNetworkConditions", conditions)
+
+    def count() -> int:
+        path = folder / "keyframes.json"
+        return len(read_keyframes(path)) if path.exists() else 0
+
+    before, lost = count(), "return !document.getElementById('lost').hidden"
+    browser.execute_cdp_cmd("Network.enable", {})
+    is_connected(False)
+    run("document.getElementById('save').click()")
+    run("document.getElementById('save').click()")
+    until(lambda: browser.execute_script(lost))
+    assert count() == before
+    is_connected(True)
+    until(lambda: count() == before + 2)
+    until(lambda: not browser.execute_script(lost))
+    browser.get_log("browser")  # requests that failed, as they had to
+
+
 def test_every_control_has_a_name_and_nothing_sticks_out(run: Callable[..., Any], browser: Any) -> None:
     for width, height in ((1280, 720), (3840, 2160)):
         sized(browser, width, height)
