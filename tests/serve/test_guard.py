@@ -34,6 +34,8 @@ def test_the_token_leaves_the_address_for_a_cookie_that_scripts_cannot_read(stra
         {"host": "example.com"},
         {"host": f"example.com:{PORT}"},
         {"host": "127.0.0.1"},
+        {"sec-fetch-site": "same-site"},
+        {"sec-fetch-site": "cross-site"},
     ],
 )
 @pytest.mark.parametrize("method", ["GET", "POST", "PUT"])
@@ -77,3 +79,10 @@ def test_a_page_needs_nothing_from_elsewhere(client: TestClient) -> None:
         if not path.startswith("vendor/"):
             text = client.get(f"/{path}").text
             assert "http://" not in text and "https://" not in text, path
+
+
+@pytest.mark.parametrize("other", ['prefs={"theme":"dark"}', "flag", "path=/x", "x=a b c", "=", "naris-8765"])
+def test_cookies_of_other_programs_are_not_in_the_way(stranger: TestClient, other: str) -> None:
+    header = {"cookie": f"{other}; naris-{PORT}={TOKEN}"}
+    assert stranger.get("/api/start", headers=header).status_code == 200
+    assert stranger.get("/api/start", headers={"cookie": other}).status_code == 403

@@ -61,8 +61,10 @@ def test_walls_are_drawn_where_the_anatomy_has_them(anatomy: Anatomy) -> None:
 def test_another_scan_is_refused(anatomy: Anatomy) -> None:
     volume = ramp(0)
     matrix = volume.frame_T_index.copy()
-    matrix[:3, 3] += 500
-    with pytest.raises(ScanError, match="the scan that the anatomy was found in"):
-        Slices(Volume(volume.hu, matrix), signed_distance(anatomy))
+    for off_mm in (500.0, 30.0):  # elsewhere; without a part of the anatomy
+        moved = matrix.copy()
+        moved[1, 3] += off_mm
+        with pytest.raises(ScanError, match="the scan that the anatomy was found in"):
+            Slices(Volume(volume.hu, moved), signed_distance(anatomy))
     with pytest.raises(ScanError, match="one in mean"):
         Slices(volume, signed_distance(anatomy.with_(frame="mean", regions={}, passages=())))

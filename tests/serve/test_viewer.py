@@ -37,6 +37,14 @@ def rows(poses: Pose) -> list[dict[str, object]]:
     return [{"name": f"{i:02d}", "pose": poses[i].matrix.tolist()} for i in range(len(poses))]
 
 
+def kept(client: TestClient, poses: Pose) -> dict[str, object]:
+    """Saved as a page saves them."""
+    revision = client.get("/api/keyframes").json()["revision"]
+    answer = client.put("/api/keyframes", json={"revision": revision, "keyframes": rows(poses)})
+    assert answer.status_code == 200, answer.text
+    return dict(answer.json())
+
+
 @pytest.mark.parametrize("is_steady", [True, False])
 def test_a_frame_is_that_of_our_renderer(client: TestClient, anatomy: Anatomy, is_steady: bool) -> None:
     pose = along(anatomy, 1)
@@ -67,38 +75,80 @@ def test_what_is_no_pose_is_refused_in_a_sentence(client: TestClient, change: di
 @pytest.mark.parametrize("change", [{"width": 100_000}, {"fov_deg": 0}, {"pose": "x"}, {"more": 1}])
 def test_what_cannot_be_asked_for_is_refused(client: TestClient, anatomy: Anatomy, change: dict[str, object]) -> None:
     asked = {"pose": along(anatomy, 1)[0].matrix.tolist()} | change
-    assert client.post("/api/frame", json=asked).status_code == 422
+    answer = client.post("/api/frame", json=asked)
+    assert answer.status_code == 422
+    assert next(iter(change)) in answer.json()["error"]
+
+
+@pytest.mark.parametrize("step", ["0", "1e-7", "nan", "x"])
+def test_no_step_is_so_small_that_it_takes_all_memory(client: TestClient, anatomy: Anatomy, step: str) -> None:
+    kept(client, along(anatomy, 2))
+    assert client.get(f"/api/trajectory?step_mm={step}").status_code == 422
+
+
+def test_names_that_name_no_file_are_numbered_for_the_original(client: TestClient, anatomy: Anatomy) -> None:
+    named = [one | {"name": "the middle meatus"} for one in rows(along(anatomy, 3))]
+    revision = client.get("/api/keyframes").json()["revision"]
+    client.put("/api/keyframes", json={"revision": revision, "keyframes": named})
+    zipped = zipfile.ZipFile(io.BytesIO(client.get("/api/keyframes/export/original").content))
+    assert zipped.namelist() == ["00.txt", "01.txt", "02.txt"]
 
 
 def test_keyframes_are_in_their_file_at_once_and_in_the_next_viewer(
     client: TestClient, viewer: Viewer, anatomy: Anatomy
 ) -> None:
     poses = along(anatomy, 3)
-    assert client.get("/api/keyframes").json() == {"revision": 0, "keyframes": []}
-    told = client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)}).json()
-    assert told["revision"] == 1
-    kept = read_keyframes(viewer.keyframes, anatomy)
-    np.testing.assert_allclose(kept.anatomy_T_camera.matrix, poses.matrix)
+    empty = client.get("/api/keyframes").json()
+    assert empty["keyframes"] == []
+    told = client.put("/api/keyframes", json={"revision": empty["revision"], "keyframes": rows(poses)}).json()
+    assert told["revision"] != empty["revision"]
+    found = read_keyframes(viewer.keyframes, anatomy)
+    np.testing.assert_allclose(found.anatomy_T_camera.matrix, poses.matrix)
     again = Viewer(anatomy, anatomy.region_set(), viewer.keyframes)
     assert again.told_keyframes()["keyframes"] == told["keyframes"]
-    client.put("/api/keyframes", json={"revision": 1, "keyframes": []})
+    client.put("/api/keyframes", json={"revision": told["revision"], "keyframes": []})
     assert not viewer.keyframes.exists()
 
 
 def test_a_page_that_was_left_behind_changes_nothing(client: TestClient, viewer: Viewer, anatomy: Anatomy) -> None:
     poses = along(anatomy, 3)
-    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)})
-    answer = client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses[:1])})
+    first = kept(client, poses)
+    answer = client.put("/api/keyframes", json={"revision": "older", "keyframes": rows(poses[:1])})
     assert answer.status_code == 400
     assert "changed elsewhere" in answer.json()["error"]
     assert len(read_keyframes(viewer.keyframes)) == 3
+    # The same once more, as after an answer that was lost, is no conflict.
+    again = client.put("/api/keyframes", json={"revision": "older", "keyframes": rows(poses)})
+    assert again.json() == first
+
+
+def test_another_program_that_writes_the_file_is_noticed(client: TestClient, viewer: Viewer, anatomy: Anatomy) -> None:
+    poses = along(anatomy, 3)
+    told = kept(client, poses[:1])
+    write_keyframes(Keyframes.of(poses, anatomy), viewer.keyframes)
+    change = {"revision": told["revision"], "keyframes": rows(poses[:2])}
+    assert "changed elsewhere" in client.put("/api/keyframes", json=change).json()["error"]
+    change["revision"] = client.get("/api/keyframes").json()["revision"]
+    assert len(client.put("/api/keyframes", json=change).json()["keyframes"]) == 2
+
+
+def test_a_file_that_cannot_be_written_is_a_sentence_and_nothing_is_said_to_be_kept(
+    client: TestClient, viewer: Viewer, anatomy: Anatomy
+) -> None:
+    viewer.keyframes = viewer.keyframes.parent / "no-folder" / "x" / "keyframes.json"
+    viewer.keyframes.parent.parent.write_text("a file")
+    revision = client.get("/api/keyframes").json()["revision"]
+    answer = client.put("/api/keyframes", json={"revision": revision, "keyframes": rows(along(anatomy, 2))})
+    assert answer.status_code == 400
+    assert "--keyframes" in answer.json()["error"]
+    assert client.get("/api/keyframes").json()["keyframes"] == []
 
 
 def test_a_broken_keyframe_changes_nothing(client: TestClient, viewer: Viewer, anatomy: Anatomy) -> None:
     poses = along(anatomy, 2)
-    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)})
+    told = kept(client, poses)
     broken = [{"name": "00", "pose": np.diag([1.0, 1, -1, 1]).tolist()}]
-    assert client.put("/api/keyframes", json={"revision": 1, "keyframes": broken}).status_code == 400
+    assert client.put("/api/keyframes", json={"revision": told["revision"], "keyframes": broken}).status_code == 400
     assert len(read_keyframes(viewer.keyframes)) == 2
 
 
@@ -118,7 +168,7 @@ def test_those_of_another_anatomy_are_refused_with_both_names(
 def test_export_comes_back(client: TestClient, anatomy: Anatomy, tmp_path: Path) -> None:
     assert client.get("/api/keyframes/export/json").status_code == 400
     poses = along(anatomy, 3)
-    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)})
+    kept(client, poses)
     whole = client.get("/api/keyframes/export/json").content
     assert client.post("/api/keyframes/import", content=whole).json()["keyframes"] == rows(poses)
     zipped = zipfile.ZipFile(io.BytesIO(client.get("/api/keyframes/export/original").content))
@@ -130,7 +180,7 @@ def test_export_comes_back(client: TestClient, anatomy: Anatomy, tmp_path: Path)
 
 def test_the_trajectory_is_that_of_simulate(client: TestClient, anatomy: Anatomy) -> None:
     poses = along(anatomy, 3)
-    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(poses)})
+    kept(client, poses)
     told = client.get("/api/trajectory?step_mm=2").json()["poses"]
     np.testing.assert_allclose(told, interpolate(Keyframes.of(poses, anatomy), 2.0).anatomy_T_camera.matrix)
 
@@ -148,7 +198,7 @@ def test_pictures_along_the_keyframes_one_work_at_a_time(client: TestClient, vie
 
     viewer.simulate = simulate
     assert client.post("/api/simulate", json={}).status_code == 400  # nothing to go along
-    client.put("/api/keyframes", json={"revision": 0, "keyframes": rows(along(anatomy, 2))})
+    kept(client, along(anatomy, 2))
     assert client.post("/api/simulate", json={"per_position": 10}).json()["running"]
     assert begun.wait(10)
     told = client.get("/api/simulate").json()

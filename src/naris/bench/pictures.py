@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -118,7 +117,8 @@ def lens(rng: np.random.Generator) -> Intrinsics:
 def registered(shot: Shots, estimator: DepthEstimator, seed: int, others: int = _STRANGE_EACH) -> Iterator[Pictured]:
     """All of a patient: each picture from nothing, from the true region, in another patient; and other things."""
     regions = shot.at[0].anatomy.region_set()
-    for number, (trial, *seen) in enumerate(zip(shot.trials, shot.images, shot.lenses, strict=True)):
+    for number, (trial, image, camera) in enumerate(zip(shot.trials, shot.images, shot.lenses, strict=True)):
+        seen = image, camera
         name = regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))]
         yield _one(NONE, shot.at, seen, NOTHING, trial, estimator, seed + number)
         yield _one(REGION, shot.at, seen, in_region(regions, name), trial, estimator, seed + number)
@@ -134,7 +134,7 @@ def registered(shot: Shots, estimator: DepthEstimator, seed: int, others: int = 
 def _one(
     kind: str,
     at: tuple[RegistrationMap, Scene],
-    picture: Sequence[Any],
+    picture: tuple[UInt8[np.ndarray, "h w 3"], Intrinsics],
     belief: Belief,
     trial: Trial | None,
     estimator: DepthEstimator,

@@ -45,7 +45,7 @@ def measure(request: BenchRequest) -> Measurement:
                     begun.append(seconds_to_start)
                     ready.append(opened(driver, address))
                     if number == starts - 1:
-                        drawn = _frames_a_second(driver, seconds)
+                        drawn, fineness = _frames_a_second(driver, seconds)
                         likeness = _likeness(driver, anatomy, _QUICK_PICTURES if request.quick else _PICTURES)
                 advance(1)
         browser = f"{driver.capabilities['browserName']} {driver.capabilities['browserVersion']}"
@@ -53,21 +53,23 @@ def measure(request: BenchRequest) -> Measurement:
         Figure("viewer.start_s", float(np.median(begun)), "s", starts, "lower", 3.0),
         Figure("viewer.ready_s", float(np.median(ready)), "s", starts, "lower"),
         Figure("viewer.fps", drawn, "1/s", 1, "higher"),
+        Figure("viewer.fineness", fineness, "1", 1, "higher"),
         Figure("viewer.ssim", float(np.min(likeness)), "1", len(likeness), "higher", 0.9),
     )
     name = f"{anatomy.name}, {len(anatomy.faces)} faces, digest {anatomy.digest}"
     return Measurement(figures, {"anatomy": name, "browser": f"{browser}, graphics in software"})
 
 
-def _frames_a_second(driver: Chrome, seconds: float) -> float:
-    """While the scope turns, both views at 1280 × 800."""
+def _frames_a_second(driver: Chrome, seconds: float) -> tuple[float, float]:
+    """While the scope turns, both views at 1280 × 800; and how fine the inside was drawn then, 1 as at rest."""
     driver.execute_script("naris.page.keys.press('ArrowRight')")
     before, begun = int(driver.execute_script("return naris.state.drawn")), time.monotonic()
     time.sleep(seconds)
     drawn = int(driver.execute_script("return naris.state.drawn")) - before
     spent = time.monotonic() - begun
+    fineness = float(driver.execute_script("return naris.state.ratio / Math.min(devicePixelRatio, 2)"))
     driver.execute_script("naris.page.keys.releaseAll()")
-    return drawn / spent
+    return drawn / spent, fineness
 
 
 def _likeness(driver: Chrome, anatomy: Anatomy, count: int) -> list[float]:

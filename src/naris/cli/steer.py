@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -14,6 +15,7 @@ from naris.cli.options import IfGiven
 
 if TYPE_CHECKING:
     from naris.core.anatomy import Anatomy
+    from naris.core.camera import Intrinsics
     from naris.core.progress import Progress
     from naris.serve.slices import Slices
     from naris.serve.viewer import Locate, Simulate
@@ -42,10 +44,12 @@ class Options:
 def run(options: Options, console: Console) -> int:
     """Serves the page until Ctrl-C."""
     from naris.cli.anatomies import open_anatomy
+    from naris.core.atomic import check_writable
     from naris.errors import InputError, RegionError
 
     if not 0 <= options.port < 65_536:
         raise InputError("a port from 0 to 65535", f"{options.port}", "name another")
+    check_writable(options.keyframes)
     try:
         anatomy, regions = open_anatomy(options.anatomy, options.regions)
     except RegionError:
@@ -57,7 +61,9 @@ def run(options: Options, console: Console) -> int:
     from naris.serve.stage import missing, summary
     from naris.serve.viewer import Viewer
 
-    locate, camera = (None, None) if options.model is None else _model(options.model, anatomy)
+    locate, camera, named = (None, None, None) if options.model is None else _model(options.model, anatomy)
+    if options.regions is None and named in anatomy.regions:
+        regions = anatomy.regions[named]  # those that the model speaks of
     viewer = Viewer(anatomy, regions, options.keyframes, locate, camera, _simulate(options), _slices(options, anatomy))
     for lacking in missing(anatomy, regions):
         console.log.warning("%s has %s", anatomy.name, lacking)
@@ -68,7 +74,8 @@ def run(options: Options, console: Console) -> int:
         told = {"address": address, "port": port, **summary(anatomy, regions)}
         console.answer(told, _text(address, port, anatomy, is_opened=options.browser))
         if options.browser:
-            webbrowser.open(address)
+            # From a thread: a browser in a terminal would keep the page from being served.
+            threading.Thread(target=_open, args=(address, port, console), daemon=True).start()
 
     serve(application(viewer), options.port, ready)
     return 0
@@ -82,8 +89,17 @@ def interrupted(options: Options) -> str:
 def _text(address: str, port: int, anatomy: Anatomy, *, is_opened: bool) -> str:
     lines = [f"{anatomy.name} at {address}"]
     if not is_opened:
-        lines.append(f"  from another machine: ssh -L {port}:127.0.0.1:{port} THIS_MACHINE, then open that address")
+        lines.append(f"  {_from_afar(port)}")
     return "\n".join([*lines, "  Ctrl-C ends it"])
+
+
+def _from_afar(port: int) -> str:
+    return f"from another machine: ssh -L {port}:127.0.0.1:{port} THIS_MACHINE, then open that address"
+
+
+def _open(address: str, port: int, console: Console) -> None:
+    if not webbrowser.open(address):
+        console.log.warning("no browser could be opened; open the address yourself, or %s", _from_afar(port))
 
 
 def _without_regions(what: str) -> Anatomy:
@@ -92,8 +108,8 @@ def _without_regions(what: str) -> Anatomy:
     return load_anatomy(what)
 
 
-def _model(path: Path, anatomy: Anatomy) -> tuple[Locate, Any]:
-    """What a model says of pictures, and its camera.
+def _model(path: Path, anatomy: Anatomy) -> tuple[Locate, Intrinsics, str]:
+    """What a model says of pictures, its camera, and the name of its region set.
 
     Raises:
         CheckpointError: if it was made for another anatomy, where its poses mean nothing.
@@ -108,7 +124,7 @@ def _model(path: Path, anatomy: Anatomy) -> tuple[Locate, Any]:
         raise CheckpointError(
             f"a model made for {anatomy.name}", f"one made for {subject.anatomy}", "train one on this anatomy"
         )
-    return lambda image: locate([image], localizer)[0], subject.intrinsics
+    return lambda image: locate([image], localizer)[0], subject.intrinsics, subject.regions.name
 
 
 def _slices(options: Options, anatomy: Anatomy) -> Slices | None:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import io
 from importlib import resources
+from typing import Annotated
 
 import numpy as np
-from fastapi import FastAPI, Request, Response
+from fastapi import FastAPI, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from jaxtyping import UInt8
 from PIL import Image
@@ -34,6 +37,7 @@ def application(viewer: Viewer) -> FastAPI:
     """All that the page of a viewer asks for."""
     app = FastAPI(title="naris", docs_url=None, redoc_url=None, openapi_url=None)
     app.add_exception_handler(NarisError, _refused)
+    app.add_exception_handler(RequestValidationError, _unfit)
     _looking(app, viewer)
     _keyframes(app, viewer)
     _believing(app, viewer)
@@ -67,7 +71,8 @@ def _keyframes(app: FastAPI, viewer: Viewer) -> None:
         return JSONResponse(viewer.told_keyframes())
 
     async def taken(request: Request) -> JSONResponse:
-        return JSONResponse({"keyframes": viewer.taken(await _body(request))})
+        data = await _body(request)
+        return JSONResponse({"keyframes": await run_in_threadpool(viewer.taken, data)})
 
     def exported(kind: str) -> Response:
         if kind not in _EXPORTS:
@@ -75,7 +80,7 @@ def _keyframes(app: FastAPI, viewer: Viewer) -> None:
         header = {"content-disposition": f'attachment; filename="{_EXPORTS[kind]}"'}
         return Response(viewer.exported(kind), media_type=_BINARY, headers=header)
 
-    def trajectory(step_mm: float = 1.0) -> JSONResponse:
+    def trajectory(step_mm: Annotated[float, Query(ge=0.01, le=100)] = 1.0) -> JSONResponse:
         return JSONResponse({"poses": viewer.trajectory(step_mm)})
 
     def work() -> JSONResponse:
@@ -92,7 +97,8 @@ def _keyframes(app: FastAPI, viewer: Viewer) -> None:
 
 def _believing(app: FastAPI, viewer: Viewer) -> None:
     async def located(request: Request) -> JSONResponse:
-        return JSONResponse(viewer.believed(_picture(await _body(request))))
+        data = await _body(request)
+        return JSONResponse(await run_in_threadpool(lambda: viewer.believed(_picture(data))))
 
     def believed(asked: PoseTold) -> JSONResponse:
         return JSONResponse(viewer.believed_here(asked.pose))
@@ -114,6 +120,12 @@ def _nothing(path: str) -> JSONResponse:
 
 def _refused(request: Request, error: Exception) -> JSONResponse:
     return JSONResponse({"error": str(error)}, 400)
+
+
+def _unfit(request: Request, error: Exception) -> JSONResponse:
+    first = error.errors()[0] if isinstance(error, RequestValidationError) else {"loc": (), "msg": str(error)}
+    where = ".".join(map(str, first["loc"]))
+    return JSONResponse({"error": f"expected what this page sends, got {where}: {first['msg']}; load it again"}, 422)
 
 
 async def _body(request: Request) -> bytes:

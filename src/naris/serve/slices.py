@@ -17,6 +17,7 @@ from naris.core.volume import LPS, Volume
 from naris.errors import ScanError
 
 AIR_HU = -1024.0
+_MARGIN_MM = 1.0
 WALL = (255, 210, 60)
 PLANES = {"axial": ((1, 0, 0), (0, 1, 0)), "coronal": ((1, 0, 0), (0, 0, -1)), "sagittal": ((0, 1, 0), (0, 0, -1))}
 """What is right and what is down in each picture, in LPS."""
@@ -37,11 +38,12 @@ class Slices:
         if self.distance.frame != LPS:
             raise ScanError("an anatomy in LPS, as a scan is", f"one in {self.distance.frame}", "leave --ct out")
         low, high = self.volume.bounds_mm
-        middle = self.distance.origin_mm + self.distance.spacing_mm * (np.array(self.distance.values_mm.shape) - 1) / 2
-        if not ((middle > low) & (middle < high)).all():
+        air = np.argwhere(self.distance.values_mm > 0)
+        first, last = (self.distance.origin_mm + self.distance.spacing_mm * f(air, axis=0) for f in (np.min, np.max))
+        if not ((first >= low - _MARGIN_MM) & (last <= high + _MARGIN_MM)).all():
             raise ScanError(
                 "the scan that the anatomy was found in",
-                f"one that reaches from {_mm(low)} to {_mm(high)}, where the anatomy's middle is at {_mm(middle)}",
+                f"one from {_mm(low)} to {_mm(high)}, where the anatomy's air is from {_mm(first)} to {_mm(last)}",
                 "give that scan with --ct",
             )
 

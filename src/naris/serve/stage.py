@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from scipy.spatial import cKDTree
 
-from naris.anatomy.distance import SPACING_MM, SignedDistance, lumen_distance
+from naris.anatomy.distance import SPACING_MM, lumen_distance
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.pose import Pose
 from naris.render.appearance import ENDOSCOPE, Appearance
@@ -29,6 +29,7 @@ _INTO_LUMEN_MM = 0.4
 _LOOK_AHEAD_MM = 3.0
 _LEAST_PLACE_MM = 0.3
 _OFF_BORDER_MM = 2.0
+_NEAR_MM = 10.0
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ def steady(look: Appearance = ENDOSCOPE) -> Appearance:
 
 
 def places(anatomy: Anatomy, regions: RegionSet | None) -> list[Place]:
-    """Where to begin: each landmark that lies near the way, then each region at its widest place on a passage."""
+    """Where to begin: each landmark within 1 cm of the way, then each region at its widest place on a passage."""
     if not anatomy.passages:
         return []
     passages = sorted(anatomy.passages, key=lambda passage: -passage.length_mm)
@@ -141,7 +142,10 @@ def places(anatomy: Anatomy, regions: RegionSet | None) -> list[Place]:
     roomy = clearance > _LEAST_PLACE_MM
     found = []
     for name, point in anatomy.landmarks_mm.items():
-        near = int(np.argmin(np.linalg.norm(points - point, axis=1) + np.where(roomy, 0.0, 1e3)))
+        off = np.linalg.norm(points - point, axis=1) + np.where(roomy, 0.0, np.inf)
+        near = int(np.argmin(off))
+        if off[near] > _NEAR_MM:
+            continue
         found.append(Place(name, "landmark", _looking(anatomy, points[near], towards[near])))
     if regions is not None:
         label = regions.label(points)
@@ -169,24 +173,21 @@ def missing(anatomy: Anatomy, regions: RegionSet | None) -> list[str]:
     return told
 
 
-def start_pose(anatomy: Anatomy, regions: RegionSet | None, distance: SignedDistance | None = None) -> Pose:
+def start_pose(anatomy: Anatomy) -> Pose:
     """Where the page begins: in the first passage, a little way in; without passages in the widest place."""
     if anatomy.passages:
         line, clearance = anatomy.passages[0].points_mm, anatomy.passages[0].clearance_mm
         inside = np.flatnonzero(clearance > _LEAST_PLACE_MM)
         at = int(inside[min(len(inside) // 8, len(inside) - 1)]) if len(inside) else len(line) // 8
         return _looking(anatomy, line[at], _ahead(line)[at])
-    distance = lumen_distance(anatomy) if distance is None else distance
+    distance = lumen_distance(anatomy)
     node = np.unravel_index(int(np.argmax(distance.values_mm)), distance.values_mm.shape)
     place = distance.origin_mm + distance.spacing_mm * np.array(node, dtype=np.float64)
     return _looking(anatomy, place, np.array([0.0, 1.0, 0.0]))
 
 
 def _side(anatomy: Anatomy) -> float:
-    """−1 where the normals of the surface point into tissue's air space from outside: where the surface holds the air.
-
-    An enclosed air lies on the inner side of its surface, air between walls on the outer one.
-    """
+    """On which side of the closed surface its air lies: −1 inside, 1 outside, along the outward normals."""
     return -1.0 if anatomy.airspace.kind == "enclosed" else 1.0
 
 

@@ -5,11 +5,15 @@ Nothing here knows of requests (`naris.serve.app`), of who may ask (`naris.serve
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
+import re
 import threading
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
@@ -38,7 +42,6 @@ from naris.serve.slices import Slices
 from naris.serve.stage import look_parcel, room_parcel, start_pose, steady, surface_parcel
 
 _MOST_PX = 2048
-_MOST_KEYFRAMES = 10_000
 
 Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
 Simulate = Callable[[Path, Path, int, float, Progress], int]
@@ -78,7 +81,7 @@ class KeyframeTold(BaseModel):
     """A keyframe of the page."""
 
     model_config = ConfigDict(extra="forbid")
-    name: str = Field(min_length=1, max_length=80)
+    name: str
     pose: list[list[float]]
 
 
@@ -86,8 +89,8 @@ class KeyframesTold(BaseModel):
     """All keyframes of the page, in their order."""
 
     model_config = ConfigDict(extra="forbid")
-    revision: int
-    keyframes: list[KeyframeTold] = Field(max_length=_MOST_KEYFRAMES)
+    revision: str
+    keyframes: list[KeyframeTold]
 
 
 class SimulationAsked(BaseModel):
@@ -147,7 +150,6 @@ class Viewer:
     slices: Slices | None = None
     work: Work = field(default_factory=Work)
     _kept: Keyframes | None = None
-    _revision: int = 0
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -174,10 +176,10 @@ class Viewer:
     def start(self) -> dict[str, Any]:
         """Where to begin, and what there is."""
         return {
-            "pose": start_pose(self.anatomy, self.regions).matrix.tolist(),
+            "pose": start_pose(self.anatomy).matrix.tolist(),
             "digest": self.anatomy.digest,
             "hasModel": self.locate is not None,
-            "hasSimulate": self.simulate is not None,
+            "hasSimulate": self.simulate is not None and self.regions is not None,
             "hasSlices": self.slices is not None,
             "keyframesFile": self.keyframes.name,
         }
@@ -242,33 +244,46 @@ class Viewer:
     # --- keyframes --------------------------------------------------------------------------------------------------
 
     def told_keyframes(self) -> dict[str, Any]:
-        """All keyframes, and how often they were changed."""
-        rows = [] if self._kept is None else self._kept.keyframes
-        return {
-            "revision": self._revision,
-            "keyframes": [{"name": one.name, "pose": one.anatomy_T_camera.matrix.tolist()} for one in rows],
-        }
+        """All keyframes as their file has them, and their revision: a digest, the same for the same keyframes."""
+        with self._lock:
+            return self._told()
+
+    def _told(self) -> dict[str, Any]:
+        rows = _rows(self._kept)
+        return {"revision": _revision(rows), "keyframes": rows}
 
     def keep(self, told: KeyframesTold) -> dict[str, Any]:
-        """Writes the keyframes of the page; those of an older state are not taken.
+        """Writes the keyframes of the page; the same ones again change nothing.
 
         Raises:
-            KeyframeError: if another page has changed them meanwhile.
+            KeyframeError: if the page did not know what it would replace, because another page or program changed the
+                file meanwhile; or if that cannot be written.
             PoseError: if one has no pose.
         """
         rows = tuple(Keyframe(one.name, self._pose(one.pose)) for one in told.keyframes)
+        wanted = Keyframes(rows, self.anatomy.name, self.anatomy.digest) if rows else None
         with self._lock:
-            if told.revision != self._revision:
+            self._kept = read_keyframes(self.keyframes, self.anatomy) if self.keyframes.exists() else None
+            now, then = (_revision(_rows(one)) for one in (self._kept, wanted))
+            if now not in (told.revision, then):
                 raise KeyframeError(
-                    "keyframes as they are now", "some that were changed elsewhere meanwhile", "load the page again"
+                    "keyframes as they are now", "some that were changed elsewhere meanwhile", "take those in as well"
                 )
-            self._kept = Keyframes(rows, self.anatomy.name, self.anatomy.digest) if rows else None
-            if self._kept is not None:
-                write_keyframes(self._kept, self.keyframes)
-            else:
+            if now != then:
+                self._write(wanted)
+                self._kept = wanted
+            return self._told()
+
+    def _write(self, wanted: Keyframes | None) -> None:
+        try:
+            if wanted is None:
                 self.keyframes.unlink(missing_ok=True)
-            self._revision += 1
-        return self.told_keyframes()
+            else:
+                write_keyframes(wanted, self.keyframes)
+        except OSError as error:
+            raise KeyframeError(
+                f"to write {self.keyframes.name}", f"{error.strerror}", "start naris steer with another --keyframes"
+            ) from error
 
     def taken(self, text: bytes) -> list[dict[str, Any]]:
         """The keyframes of a file of ours, for the page to add.
@@ -280,13 +295,15 @@ class Viewer:
             path = Path(folder) / "the file"
             path.write_bytes(text)
             found = read_keyframes(path, self.anatomy)
-        return [{"name": one.name, "pose": one.anatomy_T_camera.matrix.tolist()} for one in found.keyframes]
+        return _rows(found)
 
     def exported(self, kind: str) -> bytes:
         """All keyframes as our JSON file (`json`) or as the text files of the original, zipped (`original`).
 
+        Where names cannot name files, or repeat, the text files are numbered.
+
         Raises:
-            KeyframeError: if there are none, or names that cannot name files.
+            KeyframeError: if there are none.
         """
         kept = self._some()
         with TemporaryDirectory() as folder:
@@ -295,7 +312,7 @@ class Viewer:
                 return (Path(folder) / "keyframes.json").read_bytes()
             buffer = io.BytesIO()
             with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as whole:
-                for path in write_original_keyframes(kept, Path(folder)):
+                for path in write_original_keyframes(_with_file_names(kept), Path(folder)):
                     whole.write(path, path.name)
             return buffer.getvalue()
 
@@ -327,13 +344,20 @@ class Viewer:
         with self._lock:
             if self.work.running:
                 raise InputError("one simulation at a time", "another", "wait until it has ended")
-            folder = self.keyframes.with_name(f"{self.keyframes.stem}-pictures")
+            folder = self._free_folder()
             self.work = Work(running=True, folder=folder.name)
         threading.Thread(target=self._simulated, args=(folder, asked), daemon=True).start()
         return self.told_work()
 
+    def _free_folder(self) -> Path:
+        """A new one beside the keyframes: what was made along others stays."""
+        first = self.keyframes.with_name(f"{self.keyframes.stem}-pictures")
+        numbered = (first.with_name(f"{first.name}-{k}") for k in count(2))
+        return next(folder for folder in chain([first], numbered) if not folder.exists())
+
     def _simulated(self, folder: Path, asked: SimulationAsked) -> None:
         work = self.work
+        work.said = "it ended by a fault of naris: see what the command printed"
         try:
             if self.simulate is not None:
                 count = self.simulate(self.keyframes, folder, asked.per_position, asked.step_mm, work)
@@ -355,6 +379,22 @@ class Viewer:
             "said": work.said,
             "folder": work.folder,
         }
+
+
+def _rows(keyframes: Keyframes | None) -> list[dict[str, Any]]:
+    rows = () if keyframes is None else keyframes.keyframes
+    return [{"name": one.name, "pose": one.anatomy_T_camera.matrix.tolist()} for one in rows]
+
+
+def _revision(rows: list[dict[str, Any]]) -> str:
+    return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:24]
+
+
+def _with_file_names(keyframes: Keyframes) -> Keyframes:
+    names = [one.name for one in keyframes.keyframes]
+    if len(set(names)) == len(names) and all(re.fullmatch(r"[\w.-]+", name) for name in names):
+        return keyframes
+    return Keyframes.of(keyframes.anatomy_T_camera)
 
 
 def _is_square(matrix: Sequence[Sequence[float]]) -> bool:

@@ -91,7 +91,7 @@ export class Flight {
   #beside(there) {
     const now = this.room.distance(this.position);
     const wanted = Math.min(TIP_MM, Math.max(now, 0)); // where it is narrower already, no narrower than now
-    if (now < 0) return this.room.distance(there) > now ? there : null; // only out of the wall
+    if (now < 0) return this.room.distance(there) >= now ? there : null; // out of the wall, or as deep
     let place = there;
     for (let k = 0; k < PUSHES; k++) {
       const room = this.room.distance(place);
@@ -115,7 +115,7 @@ export class Flight {
   }
 
   undo() {
-    const back = this.past.pop();
+    const back = this.past.pop(); // whoever moves it along a way must stop that first
     if (back) this.setPose(back);
     return Boolean(back);
   }

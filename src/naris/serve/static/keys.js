@@ -64,8 +64,9 @@ export class Keys {
   }
 
   /** A key went down; whether it means something here. */
-  press(code, shift = false) {
+  press(code, shift = false, key = "", isRepeated = false) {
     this.haste = shift;
+    const command = key === "?" ? "Slash" : code;
     if (this.profile === "original" && STEPS[code]) {
       const { move = [0, 0, 0], turn = [0, 0, 0] } = STEPS[code];
       const by = shift ? ORIGINAL_HASTE : 1;
@@ -76,8 +77,8 @@ export class Keys {
       this.down.add(code);
       return true;
     }
-    if (COMMANDS[code]) {
-      this.onCommand(COMMANDS[code].name);
+    if (COMMANDS[command] && (command !== "Slash" || key === "?" || key === "")) {
+      if (!isRepeated) this.onCommand(COMMANDS[command].name);
       return true;
     }
     return false;

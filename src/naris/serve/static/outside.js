@@ -6,7 +6,7 @@ import { setCamera } from "./inside.js";
 
 const SHAFT_MM = 60, SHAFT_RADIUS_MM = 1.3, VIEW_MM = 9;
 const TRAIL_POINTS = 4000, TRAIL_STEP_MM = 0.25;
-const TURN_PER_PX = 0.008, ZOOM_PER_STEP = 1.1;
+const TURN_PER_PX = 0.008, ZOOM_PER_STEP = 1.1, WHEEL_PX = 100;
 
 export class Outside {
   constructor(canvas, geometry, palette, surface) {
@@ -24,7 +24,7 @@ export class Outside {
     const [low, high] = surface.about.bounds.map((corner) => new THREE.Vector3(...corner));
     this.middle = low.clone().add(high).multiplyScalar(0.5);
     this.radius = high.distanceTo(low) / 2;
-    this.turn = [2.2, 0.35]; // from the front and the left, a little from above
+    this.turn = [2.2, 0.35]; // from the front and the patient's right, a little from above
     this.reach = this.radius * 3.6;
     this.lines = surface.about.passages.map((_, k) => this.#line(surface.arrays[`passage${k}`], 0x8a8f98));
     this.#scope();
@@ -153,7 +153,7 @@ export class Outside {
     canvas.addEventListener("pointercancel", () => (from = null));
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
-      this.zoom(event.deltaY > 0 ? ZOOM_PER_STEP : 1 / ZOOM_PER_STEP);
+      this.zoom(ZOOM_PER_STEP ** (event.deltaY / WHEEL_PX));
     }, { passive: false });
   }
 

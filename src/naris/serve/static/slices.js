@@ -1,6 +1,6 @@
 // Slices of the CT through the scope: asked for as it moves, one at a time, the latest place last.
 
-import { ask, Refused } from "./talk.js";
+import { askPicture, Refused } from "./talk.js";
 
 const SIZE_PX = 260, NEAR_MM = 0.05;
 
@@ -35,9 +35,8 @@ export class Slices {
       while (this.waiting) {
         const place = this.waiting;
         this.waiting = null;
-        const body = JSON.stringify({ place, size: SIZE_PX, ...this.settings });
-        const answer = await ask("/api/slices", { method: "POST", headers: { "content-type": "application/json" }, body });
-        this.#show(await createImageBitmap(await answer.blob()));
+        const picture = await askPicture("/api/slices", { place, size: SIZE_PX, ...this.settings });
+        this.#show(await createImageBitmap(picture));
       }
     } catch (error) {
       if (!(error instanceof Refused)) throw error;

@@ -1,7 +1,7 @@
 // The page: what was loaded, the loop, and everything that can be pressed.
 
 import { unpack } from "./parcel.js";
-import { ask, askJson, onConnection, Refused } from "./talk.js";
+import { ask, askJson, askPicture, Latest, onConnection, Refused, sendFile } from "./talk.js";
 import { Room } from "./room.js";
 import { between, Flight, project } from "./flight.js";
 import { help, Keys, PROFILES } from "./keys.js";
@@ -11,13 +11,16 @@ import { Slices } from "./slices.js";
 import { button, Strip } from "./strip.js";
 
 const $ = (id) => document.getElementById(id);
-const STILL_MS = 250, LONGEST_S = 0.1, DRAG_RAD_PER_PX = 0.004, WHEEL_MM = 0.6, FLY_MS = 350;
+const STILL_MS = 250, LONGEST_S = 0.1, DRAG_RAD_PER_PX = 0.004, WHEEL_MM = 0.6, WHEEL_PX = 100, FLY_MS = 350;
 const PLAY_MM_S = 8, HASTE = 3, SLOW_MS = 45, QUICK_MS = 22, LEAST_RATIO = 0.3, EXACT_PX = 640, SAY_MS = 6000, WATCH_MS = 2000, DEAD_ZONE = 0.15;
 
 const state = {
   fov: 70, playing: null, flying: null, exact: false, stillSince: 0, wasTold: false, lastDraw: 0, drawn: 0, marks: 0,
-  view: "", beside: "", look: 0, ratio: 1, isRough: false, paused: false, keyframes: [],
+  view: "", beside: "", look: 0, ratio: 1, isRough: false, paused: false, keyframes: [], dropped: false,
+  keepUntil: 0,
 };
+
+const drawing = new Latest(), believing = new Latest();
 
 /** Runs the page; what cannot be is said in it. */
 async function begin() {
@@ -59,13 +62,17 @@ async function begin() {
   for (const id of ["inside-canvas", "outside-canvas"]) new ResizeObserver(() => sizes(page)).observe($(id));
   onConnection((lost) => ($("lost").hidden = !lost));
   watch();
+  addEventListener("hashchange", () => {
+    const pose = bookmarked(start.digest);
+    if (pose) fly(page, pose);
+  });
   $("inside-canvas").focus();
   requestAnimationFrame((now) => loop(page, now));
   expose(page);
 }
 
 async function binary(path) {
-  return unpack(await (await ask(path)).arrayBuffer());
+  return unpack(await ask(path, {}, (answer) => answer.arrayBuffer()));
 }
 
 // --- the loop -------------------------------------------------------------------------------------------------------
@@ -110,6 +117,7 @@ function draw(page, now, spent) {
   if (moves) {
     state.stillSince = now;
     state.wasTold = false;
+    leave(page);
     told(page, pose);
     page.slices?.follow(flight.position);
   } else if (!state.wasTold && now - state.stillSince > STILL_MS) {
@@ -146,12 +154,22 @@ function told(page, pose) {
     `${p} mm (${about.frame}) · wall ${room.distance(flight.position).toFixed(1)} mm · inserted ${flight.inserted.toFixed(1)} mm`;
 }
 
+/** What was said of where the scope was is of no use here: it fades, and answers that are on their way do not count. */
+function leave(page) {
+  drawing.end();
+  $("exact").classList.add("old");
+  if (state.flying || performance.now() < state.keepUntil) return;
+  state.dropped = false;
+  believing.end();
+  for (const meter of document.querySelectorAll("#regions meter")) meter.classList.add("old");
+}
+
 /** What is asked of the server only once the scope stands still. */
 function atRest(page, pose) {
   history.replaceState(null, "", bookmark(page.start.digest, pose));
   if (state.exact) showExact(page, pose);
-  if (page.start.hasModel) {
-    askJson("/api/believed", "POST", { pose }).then((said) => showBelief(page, said)).catch(complain);
+  if (page.start.hasModel && !state.dropped) {
+    askJson("/api/believed", "POST", { pose }, believing.next()).then((said) => showBelief(page, said)).catch(complain);
   }
 }
 
@@ -235,7 +253,10 @@ function controls(page) {
   $("regions").replaceChildren(...about.regions.map((one, number) => regionItem(page, one, number)));
   const commands = {
     save: () => page.strip.save(),
-    undo: () => flight.undo() || say("there is no way back"),
+    undo: () => {
+      state.flying = state.playing = null;
+      if (!flight.undo()) say("there is no way back");
+    },
     exact: () => exact(page),
     play: () => play(page),
     through: () => {
@@ -287,11 +308,14 @@ function controls(page) {
     for (const file of $("file").files) take(page, file);
     $("file").value = "";
   });
+  for (const [id, kind, name] of [["export-json", "json", "keyframes.json"], ["export-original", "original", "keyframes.zip"]]) {
+    $(id).addEventListener("click", () => exported(page, kind, name));
+  }
   $("simulate-row").hidden = !page.start.hasSimulate;
   $("simulate").addEventListener("click", () => simulate(page));
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || isTyping(event.target) || $("help").open) return;
-    if (keys.press(event.code, event.shiftKey)) event.preventDefault();
+    if (keys.press(event.code, event.shiftKey, event.key, event.repeat)) event.preventDefault();
   });
   document.addEventListener("keyup", (event) => {
     keys.release(event.code);
@@ -369,6 +393,7 @@ function say(text, isWrong = false) {
 }
 
 function complain(error) {
+  if (error.name === "AbortError") return; // another question took its place
   if (!(error instanceof Refused)) throw error;
   say(error.message, true);
 }
@@ -403,7 +428,7 @@ function pointers(page) {
   });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
-    flight.move([0, 0, event.deltaY > 0 ? -WHEEL_MM : WHEEL_MM]);
+    flight.move([0, 0, (-WHEEL_MM * event.deltaY) / WHEEL_PX]);
   }, { passive: false });
   $("outside-canvas").addEventListener("click", (event) => {
     if (outside.dragged >= 4) return;
@@ -472,12 +497,10 @@ async function showExact(page, pose) {
   const [w, h] = page.inside.size, shrink = Math.min(EXACT_PX / Math.max(w, h), 1);
   const asked = { pose, fov_deg: state.fov, width: Math.round(w * shrink), height: Math.round(h * shrink), steady: false };
   try {
-    const answer = await ask("/api/frame", {
-      method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(asked),
-    });
-    const url = URL.createObjectURL(await answer.blob());
+    const url = URL.createObjectURL(await askPicture("/api/frame", asked, drawing.next()));
     URL.revokeObjectURL($("exact-picture").src);
     $("exact-picture").src = url;
+    $("exact").classList.remove("old");
   } catch (error) {
     complain(error);
   }
@@ -488,10 +511,14 @@ function showBelief(page, said) {
     const meter = item.querySelector("meter");
     const at = said.regions.indexOf(page.about.regions[Number(item.dataset.number)].name);
     meter.hidden = at < 0;
+    meter.classList.remove("old");
     if (at >= 0) {
       meter.value = said.probabilities[at];
       meter.title = `${Math.round(100 * said.probabilities[at])} %`;
     }
+  }
+  if (!page.about.regions.some((one) => said.regions.includes(one.name))) {
+    say(`the model names other regions (${said.regions.join(", ")}): start naris steer without --regions`, true);
   }
   $("doubt").hidden = said.outOfDomain === null;
   if (said.outOfDomain !== null) $("doubt").textContent = `unlike what the model knows: ${Math.round(100 * said.outOfDomain)} %`;
@@ -509,12 +536,15 @@ function dropping(page) {
 async function take(page, file) {
   try {
     if (file.name.toLowerCase().endsWith(".json")) {
-      const { keyframes } = await (await ask("/api/keyframes/import", { method: "POST", body: file })).json();
+      const { keyframes } = await sendFile("/api/keyframes/import", file);
       page.strip.add(keyframes);
       say(`${keyframes.length} keyframes from ${file.name}`);
       return;
     }
-    const said = await (await ask("/api/locate", { method: "POST", body: file })).json();
+    const said = await sendFile("/api/locate", file);
+    state.dropped = true; // what is said of a picture stays until one moves on
+    state.keepUntil = performance.now() + FLY_MS + STILL_MS;
+    believing.end();
     showBelief(page, said);
     showGhosts(page, said.hypotheses);
     const best = said.probabilities.indexOf(Math.max(...said.probabilities));
@@ -537,6 +567,19 @@ function showGhosts(page, hypotheses) {
   $("ghosts-title").hidden = !hypotheses.length;
 }
 
+async function exported(page, kind, name) {
+  try {
+    await page.strip.saving;
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(await ask(`/api/keyframes/export/${kind}`));
+    link.download = name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), SAY_MS);
+  } catch (error) {
+    complain(error);
+  }
+}
+
 async function simulate(page) {
   try {
     await page.strip.saving;
@@ -549,9 +592,13 @@ async function simulate(page) {
 
 /** Asks how far the pictures are, again and again; that is also how a lost connection is noticed. */
 async function watch() {
-  for (;;) {
-    const work = await askJson("/api/simulate");
-    showWork(work);
+  for (let work = {}; ; ) {
+    try {
+      work = await askJson("/api/simulate");
+      showWork(work);
+    } catch (error) {
+      complain(error);
+    }
     await new Promise((done) => setTimeout(done, work.running ? WATCH_MS / 4 : WATCH_MS));
   }
 }

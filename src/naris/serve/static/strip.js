@@ -1,15 +1,16 @@
 // The strip of keyframes: saved, named, put in order, gone to, played, kept in the file of the server.
 
-import { ask, askJson, Refused } from "./talk.js";
+import { askJson, askPicture, Refused } from "./talk.js";
 
 const THUMB = { width: 128, height: 96 };
+const MOST_TRIES = 3;
 
 export class Strip {
   /** `host` has: pose(), fovDeg(), go(pose), say(text, isWrong), changed(keyframes). */
   constructor(list, host) {
     this.list = list;
     this.host = host;
-    this.revision = 0;
+    this.revision = "";
     this.keyframes = []; // {name, pose, picture}
     this.saving = Promise.resolve();
     this.unsaved = false;
@@ -29,8 +30,7 @@ export class Strip {
     while (taken.has(String(number).padStart(2, "0"))) number++;
     const name = String(number).padStart(2, "0");
     this.keyframes.push({ name, pose: this.host.pose(), picture: null });
-    this.host.say(`keyframe ${name} saved`);
-    this.#changed();
+    this.#changed(`keyframe ${name} saved`);
   }
 
   add(keyframes) {
@@ -43,11 +43,13 @@ export class Strip {
     this.#changed();
   }
 
-  rename(at, name) {
+  rename(one, name) {
     const trimmed = name.trim().slice(0, 80);
-    if (!trimmed || trimmed === this.keyframes[at].name) return this.#show();
-    this.keyframes[at].name = trimmed;
-    this.#changed();
+    if (trimmed && trimmed !== one.name) {
+      one.name = trimmed;
+      this.#keepLater();
+    }
+    return one.name; // nothing is drawn anew: a click may be on its way
   }
 
   shift(at, by) {
@@ -59,23 +61,45 @@ export class Strip {
     this.list.children[to]?.querySelector(".go")?.focus();
   }
 
-  #changed() {
+  #changed(said = "") {
     this.#show();
-    this.unsaved = true;
-    this.saving = this.saving.then(() => this.#keep());
+    this.#keepLater(said);
   }
 
-  async #keep() {
-    if (!this.unsaved) return;
-    this.unsaved = false;
-    const keyframes = this.keyframes.map(({ name, pose }) => ({ name, pose }));
-    try {
-      const told = await askJson("/api/keyframes", "PUT", { revision: this.revision, keyframes });
-      this.revision = told.revision;
-    } catch (error) {
-      if (!(error instanceof Refused)) throw error;
-      this.host.say(error.message, true);
+  /** Writes what there is then, after what is being written now. */
+  #keepLater(said = "") {
+    this.unsaved = true;
+    this.saving = this.saving.then(() => this.#keep(said)).catch((error) => {
+      this.unsaved = true;
+      this.host.say(`not saved: ${error.message}`, true);
+    });
+  }
+
+  async #keep(said) {
+    for (let tries = 0; this.unsaved && tries < MOST_TRIES; tries++) {
+      this.unsaved = false;
+      const keyframes = this.keyframes.map(({ name, pose }) => ({ name, pose }));
+      try {
+        const told = await askJson("/api/keyframes", "PUT", { revision: this.revision, keyframes });
+        this.revision = told.revision;
+        if (said) this.host.say(said);
+      } catch (error) {
+        if (!(error instanceof Refused) || tries === MOST_TRIES - 1) throw error;
+        await this.#takeIn(error);
+      }
     }
+  }
+
+  /** What was changed elsewhere meanwhile, beside what is here; gives up where nothing was. */
+  async #takeIn(error) {
+    const told = await askJson("/api/keyframes");
+    if (told.revision === this.revision) throw error;
+    this.revision = told.revision;
+    const here = new Set(this.keyframes.map(({ name, pose }) => JSON.stringify([name, pose])));
+    const others = told.keyframes.filter(({ name, pose }) => !here.has(JSON.stringify([name, pose])));
+    this.keyframes.push(...others.map((one) => ({ ...one, picture: null })));
+    this.unsaved = true;
+    this.#show();
   }
 
   #show() {
@@ -96,7 +120,7 @@ export class Strip {
     name.value = one.name;
     name.maxLength = 80;
     name.setAttribute("aria-label", `name of keyframe ${one.name}`);
-    name.addEventListener("change", () => this.rename(at, name.value));
+    name.addEventListener("change", () => (name.value = this.rename(one, name.value)));
     const row = document.createElement("div");
     row.append(
       name,
@@ -109,13 +133,8 @@ export class Strip {
   }
 
   async #picture(one) {
-    if (!one.picture) {
-      one.picture = ask("/api/frame", {
-        method: "POST",
-        headers: { "content-type": "application/json" },
-        body: JSON.stringify({ pose: one.pose, fov_deg: this.host.fovDeg(), ...THUMB }),
-      }).then(async (answer) => URL.createObjectURL(await answer.blob()));
-    }
+    one.picture ??= askPicture("/api/frame", { pose: one.pose, fov_deg: this.host.fovDeg(), ...THUMB }).then((picture) =>
+      URL.createObjectURL(picture));
     return one.picture;
   }
 }

@@ -18,10 +18,17 @@ function tell(isLost) {
   for (const listener of listeners) listener(lost);
 }
 
-async function once(path, options) {
+async function once(path, options, read) {
   const answer = await fetch(path, { credentials: "same-origin", ...options });
+  if (answer.ok) {
+    const data = await read(answer);
+    tell(false);
+    return data;
+  }
   tell(false);
-  if (answer.ok) return answer;
+  if (answer.status === 403) {
+    throw new Refused("the server was started anew: open the address that it printed; what is here is kept until then");
+  }
   let why = `the server answered ${answer.status}`;
   try {
     const told = await answer.json();
@@ -32,11 +39,11 @@ async function once(path, options) {
   throw new Refused(why);
 }
 
-/** A request that is repeated until there is a connection: nothing that was asked for is lost with one. */
-export async function ask(path, options = {}) {
+/** A request that is repeated until it is answered to the end: nothing that was asked for is lost with a connection. */
+export async function ask(path, options = {}, read = (answer) => answer.blob()) {
   for (;;) {
     try {
-      return await once(path, options);
+      return await once(path, options, read);
     } catch (error) {
       if (error instanceof Refused || error.name === "AbortError") throw error;
       tell(true);
@@ -45,11 +52,37 @@ export async function ask(path, options = {}) {
   }
 }
 
-export async function askJson(path, method = "GET", body = undefined) {
-  const options = { method };
+const JSON_OF = (answer) => answer.json();
+
+export async function askJson(path, method = "GET", body = undefined, signal = undefined) {
+  const options = { method, signal };
   if (body !== undefined) {
     options.headers = { "content-type": "application/json" };
     options.body = JSON.stringify(body);
   }
-  return (await ask(path, options)).json();
+  return ask(path, options, JSON_OF);
+}
+
+/** What a file comes to, sent as it is. */
+export async function sendFile(path, file) {
+  return ask(path, { method: "POST", body: file }, JSON_OF);
+}
+
+/** A picture that the server makes, by what is asked of it. */
+export async function askPicture(path, body, signal = undefined) {
+  const headers = { "content-type": "application/json" };
+  return ask(path, { method: "POST", headers, body: JSON.stringify(body), signal });
+}
+
+/** Requests of which only the last one counts: a new one ends those before it. */
+export class Latest {
+  next() {
+    this.controller?.abort();
+    this.controller = new AbortController();
+    return this.controller.signal;
+  }
+
+  end() {
+    this.controller?.abort();
+  }
 }
