@@ -128,13 +128,13 @@ def test_ten_thousand_keys_do_not_lead_through_a_wall(run: Callable[..., Any]) -
 
 def test_through_walls_only_when_told(run: Callable[..., Any]) -> None:
     through = (
-        "naris.page.flight.throughWalls = arguments[0]; naris.page.keys.press('KeyA');"
-        "for (let i = 0; i < 100; i++) naris.step(0.1);"
-        "naris.page.keys.release('KeyA'); naris.page.flight.throughWalls = false; return naris.distance()"
+        "naris.page.flight.throughWalls = arguments[0]; naris.page.keys.press('KeyD');"
+        "for (let i = 0; i < arguments[1]; i++) naris.step(0.1);"
+        "naris.page.keys.release('KeyD'); naris.page.flight.throughWalls = false; return naris.distance()"
     )
-    assert run(through, False) > 0.3
-    assert run(through, True) <= -1.5
-    back = run(through.replace("KeyA", "KeyD"), False)
+    assert run(through, False, 100) > 0.3
+    assert run(through, True, 40) <= -1.0
+    back = run(through.replace("KeyD", "KeyA"), False, 80)
     assert back > 0  # it is not stuck in there
 
 

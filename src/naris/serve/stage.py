@@ -21,8 +21,9 @@ from naris.serve.parcel import parcel
 
 NOWHERE = 255
 """The label of what lies in no region."""
-FARTHEST_MM = 12.0
-"""Distances are told up to so much, in steps of `STEP_MM`."""
+FARTHEST_MM, DEEPEST_MM = 12.0, 1.0
+"""Distances are told up to so much, in the air and in tissue, in steps of `STEP_MM`: deep in tissue one is as good as
+another, and no place there is a dead end."""
 STEP_MM = 0.001
 _STRIDE = 2  # of the nodes that regions are told at
 _INTO_LUMEN_MM = 0.4
@@ -87,12 +88,13 @@ def surface_parcel(anatomy: Anatomy, regions: RegionSet | None) -> bytes:
 def room_parcel(anatomy: Anatomy, regions: RegionSet | None) -> bytes:
     """How far every place is from the wall (positive in the air) and in which region it lies, on grids, z fastest."""
     distance = lumen_distance(anatomy)
-    steps = np.clip(distance.values_mm, -FARTHEST_MM, FARTHEST_MM) / STEP_MM
+    steps = np.clip(distance.values_mm, -DEEPEST_MM, FARTHEST_MM) / STEP_MM
     nodes = np.stack(np.meshgrid(*(axis[::_STRIDE] for axis in distance.nodes_mm), indexing="ij"), axis=-1)
     about = {
         "origin": distance.origin_mm.tolist(),
         "spacing": float(distance.spacing_mm),
         "step": STEP_MM,
+        "deepest": DEEPEST_MM,
         "stride": _STRIDE,
         "nowhere": NOWHERE,
     }

@@ -6,20 +6,21 @@ export class Room {
     this.origin = about.origin;
     this.spacing = about.spacing;
     this.step = about.step;
+    this.deepest = about.deepest;
     this.stride = about.stride;
     this.nowhere = about.nowhere;
     this.values = arrays.distance;
     this.labels = arrays.region;
   }
 
-  /** Distance to the nearest wall (mm), positive in the air; far in tissue outside of the grid. */
+  /** Distance to the nearest wall (mm), positive in the air; tissue has no more than `deepest`. */
   distance(p) {
     const [nx, ny, nz] = this.values.shape;
     const x = (p[0] - this.origin[0]) / this.spacing;
     const y = (p[1] - this.origin[1]) / this.spacing;
     const z = (p[2] - this.origin[2]) / this.spacing;
     const i = Math.floor(x), j = Math.floor(y), k = Math.floor(z);
-    if (i < 0 || j < 0 || k < 0 || i > nx - 2 || j > ny - 2 || k > nz - 2) return -12;
+    if (i < 0 || j < 0 || k < 0 || i > nx - 2 || j > ny - 2 || k > nz - 2) return -this.deepest;
     const a = x - i, b = y - j, c = z - k, v = this.values, at = (i * ny + j) * nz + k, up = ny * nz;
     const low = mix(mix(v[at], v[at + 1], c), mix(v[at + nz], v[at + nz + 1], c), b);
     const high = mix(mix(v[at + up], v[at + up + 1], c), mix(v[at + up + nz], v[at + up + nz + 1], c), b);
