@@ -17,7 +17,7 @@ from naris.bench.result import BenchResult, Figure, read_result
 
 DOCS = Path(__file__).resolve().parent
 RESULTS = DOCS.parent / "benchmarks" / "results"
-FILLED = ("chain.md", "published_experiment.md", "registration.md")
+FILLED = ("chain.md", "published_experiment.md", "registration.md", "viewer.md")
 MISSING = "not measured yet"
 NONE_WRONG = "none wrong"
 _MARK = re.compile(r"<!-- figure (?P<name>\S+) -->.*?<!-- end -->", re.DOTALL)

@@ -12,12 +12,12 @@ import { button, Strip } from "./strip.js";
 
 const $ = (id) => document.getElementById(id);
 const STILL_MS = 250, LONGEST_S = 0.1, DRAG_RAD_PER_PX = 0.004, WHEEL_MM = 0.6, WHEEL_PX = 100, FLY_MS = 350;
-const PLAY_MM_S = 8, HASTE = 3, SLOW_MS = 45, QUICK_MS = 22, LEAST_RATIO = 0.3, EXACT_PX = 640, SAY_MS = 6000, WATCH_MS = 2000, DEAD_ZONE = 0.15;
+const PLAY_MM_S = 8, HASTE = 3, SLOW_MS = 45, QUICK_MS = 22, LEAST_RATIO = 0.3, OUTSIDE_MS = 500, EXACT_PX = 640, SAY_MS = 6000, WATCH_MS = 2000, DEAD_ZONE = 0.15;
 
 const state = {
   fov: 70, playing: null, flying: null, exact: false, stillSince: 0, wasTold: false, lastDraw: 0, drawn: 0, marks: 0,
   view: "", beside: "", look: 0, ratio: 1, isRough: false, paused: false, keyframes: [], dropped: false,
-  keepUntil: 0,
+  keepUntil: 0, outsideAt: 0,
 };
 
 const drawing = new Latest(), believing = new Latest();
@@ -108,12 +108,15 @@ function draw(page, now, spent) {
     inside.draw(pose, state.fov);
     state.drawn++;
   }
-  if (beside !== state.beside) {
-    outside.follow(flight.position, flight.shaft);
+  if (moves) outside.follow(flight.position, flight.shaft);
+  // Where drawing is slow, what the scope sees goes before where it is.
+  const mayWait = moves && state.isRough && now - state.outsideAt < OUTSIDE_MS;
+  if (beside !== state.beside && !mayWait) {
     outside.draw(pose, state.fov, inside.size[0] / inside.size[1]);
+    state.outsideAt = now;
+    state.beside = beside;
   }
   state.view = `${pose.flat().map((one) => one.toFixed(4))} ${state.fov} ${state.look} ${inside.size}`;
-  state.beside = beside;
   if (moves) {
     state.stillSince = now;
     state.wasTold = false;
