@@ -175,6 +175,11 @@ def test_export_comes_back(client: TestClient, anatomy: Anatomy, tmp_path: Path)
     zipped.extractall(tmp_path / "original")
     back = read_original_keyframes(tmp_path / "original", anatomy.frame)
     np.testing.assert_allclose(back.anatomy_T_camera.position_mm, poses.position_mm, atol=1e-5)
+    text = (tmp_path / "original" / "01.txt").read_bytes()
+    (one,) = client.post("/api/keyframes/import?name=01.txt", content=text).json()["keyframes"]
+    assert one["name"] == "01"
+    np.testing.assert_allclose(one["pose"], poses[1].matrix, atol=1e-5)
+    assert client.post("/api/keyframes/import?name=01.txt", content=b"no pose").status_code == 400
     assert client.get("/api/keyframes/export/xml").status_code == 404
 
 

@@ -70,9 +70,9 @@ def _keyframes(app: FastAPI, viewer: Viewer) -> None:
     def told() -> JSONResponse:
         return JSONResponse(viewer.told_keyframes())
 
-    async def taken(request: Request) -> JSONResponse:
+    async def taken(request: Request, name: str = "") -> JSONResponse:
         data = await _body(request)
-        return JSONResponse({"keyframes": await run_in_threadpool(viewer.taken, data)})
+        return JSONResponse({"keyframes": await run_in_threadpool(viewer.taken, data, name)})
 
     def exported(kind: str) -> Response:
         if kind not in _EXPORTS:

@@ -34,6 +34,7 @@ from naris.render.keyframes import (
     Keyframes,
     interpolate,
     read_keyframes,
+    read_original_pose,
     write_keyframes,
     write_original_keyframes,
 )
@@ -42,6 +43,7 @@ from naris.serve.slices import Slices
 from naris.serve.stage import look_parcel, room_parcel, start_pose, steady, surface_parcel
 
 _MOST_PX = 2048
+_ORIGINAL = ".txt"
 
 Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
 Simulate = Callable[[Path, Path, int, float, Progress], int]
@@ -285,8 +287,8 @@ class Viewer:
                 f"to write {self.keyframes.name}", f"{error.strerror}", "start naris steer with another --keyframes"
             ) from error
 
-    def taken(self, text: bytes) -> list[dict[str, Any]]:
-        """The keyframes of a file of ours, for the page to add.
+    def taken(self, text: bytes, name: str) -> list[dict[str, Any]]:
+        """The keyframes of a file, for the page to add: of ours, or, called `NAME.txt`, one of the original.
 
         Raises:
             KeyframeError: if it is none, or of another anatomy.
@@ -294,8 +296,10 @@ class Viewer:
         with TemporaryDirectory() as folder:
             path = Path(folder) / "the file"
             path.write_bytes(text)
-            found = read_keyframes(path, self.anatomy)
-        return _rows(found)
+            if not name.lower().endswith(_ORIGINAL):
+                return _rows(read_keyframes(path, self.anatomy))
+            pose = read_original_pose(path, self.anatomy.frame)
+        return _rows(Keyframes((Keyframe(name[: -len(_ORIGINAL)], pose),)))
 
     def exported(self, kind: str) -> bytes:
         """All keyframes as our JSON file (`json`) or as the text files of the original, zipped (`original`).

@@ -308,7 +308,7 @@ function controls(page) {
   $("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
   $("import").addEventListener("click", () => $("file").click());
   $("file").addEventListener("change", () => {
-    for (const file of $("file").files) take(page, file);
+    takeAll(page, [...$("file").files]);
     $("file").value = "";
   });
   for (const [id, kind, name] of [["export-json", "json", "keyframes.json"], ["export-original", "original", "keyframes.zip"]]) {
@@ -531,15 +531,21 @@ function dropping(page) {
   document.addEventListener("dragover", (event) => event.preventDefault());
   document.addEventListener("drop", (event) => {
     event.preventDefault();
-    for (const file of event.dataTransfer.files) take(page, file);
+    takeAll(page, [...event.dataTransfer.files]);
   });
+}
+
+/** One after the other, 9 before 10: keyframes keep the order of their names. */
+async function takeAll(page, files) {
+  files.sort((a, b) => a.name.localeCompare(b.name, "en", { numeric: true }));
+  for (const file of files) await take(page, file);
 }
 
 /** A file that was dropped or chosen: keyframes, or a picture for the model to locate. */
 async function take(page, file) {
   try {
-    if (file.name.toLowerCase().endsWith(".json")) {
-      const { keyframes } = await sendFile("/api/keyframes/import", file);
+    if (/\.(json|txt)$/i.test(file.name)) {
+      const { keyframes } = await sendFile(`/api/keyframes/import?name=${encodeURIComponent(file.name)}`, file);
       page.strip.add(keyframes);
       say(`${keyframes.length} keyframes from ${file.name}`);
       return;
