@@ -47,8 +47,16 @@ def test_a_series_becomes_an_anatomy_that_other_verbs_open(tmp_path: Path, capfd
     Path(told["picture"]).unlink()
     assert main([*words, "0.8"]) == 0
     assert Path(told["picture"]).is_file()  # what is missing is made again
-    assert main([*words, "0.9"]) == 0
-    assert "0.9 mm" in load_anatomy(out).source  # of the same scan
+
+
+@pytest.mark.long
+def test_with_other_settings_the_anatomy_of_the_same_scan_is_made_anew(tmp_path: Path) -> None:
+    scan, out = tmp_path / "scan.nrrd", tmp_path / "nose"
+    write_nrrd(virtual_ct(simulated_head.nose(), Scanner(spacing_mm=(0.8, 0.8, 1.0))), scan)
+    words = ["anatomy", "from-ct", str(scan), "-o", str(out), "--quiet", "--step-mm"]
+    for step in ("0.8", "0.9"):
+        assert main([*words, step]) == 0
+        assert f"{step} mm" in load_anatomy(out).source
 
 
 def _regions_are_added_on_the_scan(nose: Path, out: Path) -> None:

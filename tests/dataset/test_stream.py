@@ -64,7 +64,7 @@ def steered(stream: ViewStream, rng: np.random.Generator) -> Viewpoints:
     return Pilot.in_(stream.scene, stream.regions, 1).glimpses(600, rng, stream.avoid)
 
 
-@pytest.mark.parametrize("many", [from_the_bank, steered])
+@pytest.mark.parametrize("many", [from_the_bank, pytest.param(steered, marks=pytest.mark.long)])
 def test_views_keep_away_from_those_that_shall_stay_unseen(stream, many) -> None:
     """An unseen view in the middle of the tube: without the rule some views come near it, with it none."""
     line = winding_tube().passages[0].points_mm

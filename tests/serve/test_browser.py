@@ -23,6 +23,7 @@ from tests import simulated_head
 TURNS = ["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "KeyQ", "KeyE"]
 MOVES = ["KeyW", "KeyS", "KeyA", "KeyD", "PageUp", "PageDown"]
 
+SMALL = (1020, 600)
 LACKS = missing_browser()
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKS is not None, reason=f"needs {LACKS}")]
 
@@ -41,7 +42,7 @@ def address(folder: Path) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser(address: str) -> Iterator[Any]:
-    with chromium() as driver:
+    with chromium(*SMALL) as driver:  # a graphics card in software takes long
         opened(driver, address)
         yield driver
         assert [line for line in driver.get_log("browser") if line["level"] == "SEVERE"] == []
@@ -229,7 +230,7 @@ def test_every_control_has_a_name_and_nothing_sticks_out(run: Callable[..., Any]
               nameless: nameless.map((e) => e.id)}"""
         )
         assert told == {"over": 0, "tall": 0, "nameless": []}, width
-    sized(browser, 1280, 800)
+    sized(browser, *SMALL)
 
 
 def test_without_webgl_the_page_says_so(address: str) -> None:
