@@ -92,7 +92,7 @@ class Shots:
     other: tuple[RegistrationMap, Scene]
     trials: list[Trial]
     lenses: list[Intrinsics]
-    images: list[UInt8[np.ndarray, "h w 3"]]
+    images: list[UInt8[np.ndarray, "_ _ 3"]]
 
 
 def shots(nose: Anatomy, other: Anatomy, views: int, seed: int) -> Shots:
