@@ -154,13 +154,9 @@ def test_a_click_on_a_region_arrives_in_it(run: Callable[..., Any], browser: Any
     for number in (2, 3):
         run(f"document.querySelectorAll('#regions button')[{number}].click()")
         until(lambda: browser.execute_script("return naris.state.flying === null"))
-        assert run_now(browser, "return naris.region()") == number
+        assert browser.execute_script("return naris.region()") == number
     until(lambda: browser.execute_script("return naris.page.flight.undo()"))
-    assert run_now(browser, "return naris.region()") == 2
-
-
-def run_now(browser: Any, script: str) -> Any:
-    return browser.execute_script(script)
+    assert browser.execute_script("return naris.region()") == 2
 
 
 def test_keyframes_survive_a_reload_and_their_pictures_are_those_of_simulate(

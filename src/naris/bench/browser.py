@@ -27,11 +27,8 @@ if TYPE_CHECKING:
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 LONG_S = 120.0
-_FLAGS = (
-    "--headless=new",
+QUIET = (
     "--no-sandbox",
-    "--use-angle=swiftshader",  # a graphics card in software: the same everywhere
-    "--enable-unsafe-swiftshader",
     "--disable-quic",
     "--no-first-run",
     "--disable-background-networking",
@@ -39,11 +36,20 @@ _FLAGS = (
     "--disable-sync",
     "--hide-scrollbars",
 )
+"""A browser that asks nothing and calls nobody."""
+
+# A graphics card in software: the same everywhere.
+_IN_SOFTWARE = ("--headless=new", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+def browser_path() -> str | None:
+    """The browser, if there is one."""
+    return next((path for path in map(shutil.which, NAMES) if path), None)
 
 
 def missing_browser() -> str | None:
     """What of a browser that can be driven is not here; None if nothing."""
-    if not any(map(shutil.which, NAMES)) or shutil.which("chromedriver") is None:
+    if browser_path() is None or shutil.which("chromedriver") is None:
         return "Chromium and its driver (Debian: chromium, chromium-driver)"
     return None if importlib.util.find_spec("selenium") else "selenium (pip install 'naris[browser]')"
 
@@ -61,8 +67,8 @@ def chromium(width: int = 1280, height: int = 800, more: Sequence[str] = ()) -> 
     from selenium.webdriver.chrome.service import Service
 
     options = webdriver.ChromeOptions()
-    options.binary_location = next(path for path in map(shutil.which, NAMES) if path)
-    for flag in (*_FLAGS, *more, f"--window-size={width},{height}"):
+    options.binary_location = browser_path() or ""
+    for flag in (*QUIET, *_IN_SOFTWARE, *more, f"--window-size={width},{height}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))

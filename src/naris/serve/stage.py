@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -224,16 +223,3 @@ def summary(anatomy: Anatomy, regions: RegionSet | None) -> dict[str, Any]:
         "regions": 0 if regions is None else len(regions.names),
         "passages": len(anatomy.passages),
     }
-
-
-__all__: Sequence[str] = (
-    "Place",
-    "look_parcel",
-    "missing",
-    "places",
-    "room_parcel",
-    "start_pose",
-    "steady",
-    "summary",
-    "surface_parcel",
-)

@@ -1,14 +1,18 @@
 // The walls as naris draws them: naris.render.shading, formula by formula, for the graphics card.
 
-/** Linear light behind the lens, before the sensor. */
-export const WALL_VERTEX = /* glsl */ `
+// What every corner of the surface brings.
+const CORNER = /* glsl */ `
 precision highp float;
 in vec3 position;
 in vec3 normal;
 in float region;
 uniform mat4 modelViewMatrix;
 uniform mat4 projectionMatrix;
-out vec3 vPoint;
+`;
+
+/** Linear light behind the lens, before the sensor. */
+export const WALL_VERTEX = /* glsl */ `
+${CORNER}out vec3 vPoint;
 out vec3 vNormal;
 flat out float vRegion;
 void main() {
@@ -138,13 +142,7 @@ void main() {
 
 /** The anatomy from outside, as tinted glass: denser where it turns away from the eye. */
 export const GLASS_VERTEX = /* glsl */ `
-precision highp float;
-in vec3 position;
-in vec3 normal;
-in float region;
-uniform mat4 modelViewMatrix;
-uniform mat4 projectionMatrix;
-out vec3 vNormal;
+${CORNER}out vec3 vNormal;
 out vec3 vView;
 flat out float vRegion;
 void main() {

@@ -99,7 +99,7 @@ function step(page, seconds, now) {
 function draw(page, now, spent) {
   const { flight, inside, outside } = page;
   const pose = flight.pose;
-  const view = `${pose.flat().map((one) => one.toFixed(4))} ${state.fov} ${state.look} ${inside.size}`;
+  const view = viewOf(page, pose);
   const beside = `${view} ${outside.turn} ${outside.reach} ${state.marks}`;
   const moves = view !== state.view;
   if (moves || state.isRough) {
@@ -116,7 +116,7 @@ function draw(page, now, spent) {
     state.outsideAt = now;
     state.beside = beside;
   }
-  state.view = `${pose.flat().map((one) => one.toFixed(4))} ${state.fov} ${state.look} ${inside.size}`;
+  state.view = viewOf(page, pose);
   if (moves) {
     state.stillSince = now;
     state.wasTold = false;
@@ -127,6 +127,11 @@ function draw(page, now, spent) {
     state.wasTold = true;
     atRest(page, pose);
   }
+}
+
+/** All that the inside view depends on. */
+function viewOf({ inside }, pose) {
+  return `${pose.flat().map((one) => one.toFixed(4))} ${state.fov} ${state.look} ${inside.size}`;
 }
 
 /** Coarser where a frame takes long, finer again where it does not. */
