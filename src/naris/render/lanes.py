@@ -180,6 +180,21 @@ def load(context, array, at):
 
 @intrinsic
 @no_type_check
+def load_bytes(context, array, at):
+    """array[at : at + 16] of a uint8 array as integers."""
+
+    @no_type_check
+    def generate(context, builder, sig, args):
+        pointer = _address(context, builder, sig.args[0], args[0], args[1])
+        loaded = builder.load(_vector_pointer(builder, pointer, _I8))
+        loaded.align = 1
+        return builder.zext(loaded, ints.llvm)
+
+    return ints(array, types.intp), generate
+
+
+@intrinsic
+@no_type_check
 def store(context, array, at, vector):
     """array[at : at + 16] = vector."""
 
@@ -426,6 +441,18 @@ def everywhere(context, x):
         return _as(context, builder, args[0], sig.args[0], floats)
 
     return floats(x), generate
+
+
+@intrinsic
+@no_type_check
+def same(context, x):
+    """An integer in all lanes."""
+
+    @no_type_check
+    def generate(context, builder, sig, args):
+        return _as(context, builder, args[0], sig.args[0], ints)
+
+    return ints(x), generate
 
 
 @intrinsic
