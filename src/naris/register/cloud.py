@@ -103,6 +103,9 @@ def _view(observation: Observation, first: int, last: int) -> _View:
         axis=1,
     )
     window = np.clip(window, 0, [rows, rows, columns, columns]).astype(np.int64)
+    whole = -(-(window[:, 3] - window[:, 2]) // LANES) * LANES
+    window[:, 2] = np.minimum(window[:, 2], stride - whole)
+    window[:, 3] = window[:, 2] + whole
     lattice = np.stack(np.broadcast_arrays(
         np.cos(e)[:, None] * np.sin(a), np.sin(e)[:, None], np.cos(e)[:, None] * np.cos(a)
     ), axis=-1).reshape(-1, 3)  # fmt: skip

@@ -15,15 +15,19 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from naris.register.equations import POSE, cast, per_ray, priors
+from naris.register.equations import BLOCKS, POSE, add_up, cast, per_ray, priors, slopes, to_rows, walls
+from naris.render.lane_functions import exponential
+from naris.render.lanes import LANES, any_lane, choose, everywhere, least, load, store
 
 _LEAST_COSINE = 0.1
 _PATCH = 0.4  # standard deviation of a patch, beside the way from ray to ray
 _FAR_MM = 1e6
-_POWER = 64.0  # (1 − x/64)^64 in place of exp(−x): no call, so the loop runs on all lanes
+_NOTHING = np.float32(40.0)  # an exponent from which on a share is 0
+_LEAST_WEIGHT = np.float32(1e-9)
 _NORM = 0.06349363593424098  # (2π)^(−3/2)
 
 _part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
+_inline_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, forceinline=True)
 
 
 class Seen(NamedTuple):
@@ -35,7 +39,7 @@ class Seen(NamedTuple):
         cosine: (K,) of its normal with the ray, negative.
         patch: (K,) variance of the patch along the wall (mm²).
         weights, pulls: (K,) responsibilities of the rays over the variance, and times the way along the row.
-        shares: (most,) of the rays around one point.
+        shares: (most,) of the rays around one point, and sixteen more.
     """
 
     t: np.ndarray
@@ -53,7 +57,8 @@ class Cloud(NamedTuple):
     Attributes:
         points: (3, N) from the origin of their view.
         range, sd: (N,) how far they are, and the standard deviation of the error in each direction.
-        window: (N, 4) first and last row and first and last column (each last one not in it) around a point.
+        window: (N, 4) first and last row and first and last column (each last one not in it) around a point; a multiple
+            of sixteen columns.
         first, stride: (N,) the first ray of its view, and from one row to the next.
         solid: (K,) what solid angle each ray of the lattices stands for.
         origin: (K, 3) where each ray begins, in the rig.
@@ -80,7 +85,7 @@ def linearise_cloud(sight, pose, log_scale, smooth, width, equations):
     cost, even = 0.0, model.outliers / model.reach
     for i in range(n):
         cost += _point(sight.rays, cloud, i, (scale, np.float32(width), 1.0 - model.outliers, even), seen)
-    _add_up(sight.rays, cloud, scale, seen, POSE + model.free, equations)
+    _equations_of(sight, scale, seen, equations)
     cost += priors(sight.rays, model, log_scale, smooth, equations)
     return per_ray(model, cost, n, 2 * outside > len(seen.t), log_scale)
 
@@ -94,20 +99,30 @@ def _look(sight, pose, scale):
     t, cosine, patch = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
     wall = np.empty((3, n), np.float32)
     outside = 0
+    for at in range(0, n, LANES):
+        there, ((mx, my, mz), met, far) = walls(sight, pose, at)
+        slanted = least(met, np.float32(-_LEAST_COSINE))
+        across = far / slanted
+        store(wall, at, mx)
+        store(wall, n + at, my)
+        store(wall, 2 * n + at, mz)
+        store(t, at, choose(there, far, np.float32(_FAR_MM)))
+        store(cosine, at, slanted)
+        store(patch, at, choose(there, np.float32(_PATCH * _PATCH) * load(cloud.solid, at) * across * across, 0.0))
     for k in range(n):
-        nx, ny, nz = memory.normal[0, k], memory.normal[1, k], memory.normal[2, k]
-        wall[0, k] = pose[0, 0] * nx + pose[1, 0] * ny + pose[2, 0] * nz
-        wall[1, k] = pose[0, 1] * nx + pose[1, 1] * ny + pose[2, 1] * nz
-        wall[2, k] = pose[0, 2] * nx + pose[1, 2] * ny + pose[2, 2] * nz
-        there = nx * nx + ny * ny + nz * nz > 0.5
-        t[k] = abs(memory.hit[k]) if there else _FAR_MM
-        met = wall[0, k] * rays.x[k] + wall[1, k] * rays.y[k] + wall[2, k] * rays.z[k]
-        cosine[k] = min(met, -_LEAST_COSINE)
-        patch[k] = _PATCH * _PATCH * cloud.solid[k] * (t[k] / cosine[k]) ** 2 if there else 0.0
-        if memory.hit[k] * sight.model.inside < 0:
-            outside += 1
+        outside += memory.hit[k] * sight.model.inside < 0
     weights, pulls = np.zeros(n, np.float32), np.zeros(n, np.float32)
-    return Seen(t, wall, cosine, patch, weights, pulls, np.empty(cloud.most, np.float32)), outside
+    return Seen(t, wall, cosine, patch, weights, pulls, np.empty(cloud.most + LANES, np.float32)), outside
+
+
+@_inline_njit
+def _off(rays, seen, point, k):
+    """From the places of sixteen rays to a point: across their walls, along them squared, and along the rays."""
+    n = len(seen.t)
+    t, x, y, z = load(seen.t, k), load(rays.x, k), load(rays.y, k), load(rays.z, k)
+    dx, dy, dz = point[0] - t * x, point[1] - t * y, point[2] - t * z
+    off = dx * load(seen.wall, k) + dy * load(seen.wall, n + k) + dz * load(seen.wall, 2 * n + k)
+    return off, dx * dx + dy * dy + dz * dz - off * off, dx * x + dy * y + dz * z
 
 
 @_part_njit
@@ -118,71 +133,74 @@ def _point(rays, cloud, i, noise, seen):
     that a solid angle has at the point.
     """
     scale, width, real, even = noise
-    px, py, pz = scale * cloud.points[0, i], scale * cloud.points[1, i], scale * cloud.points[2, i]
+    point = scale * cloud.points[0, i], scale * cloud.points[1, i], scale * cloud.points[2, i]
     r = scale * cloud.range[i]
     variance = (scale * cloud.sd[i] * width) ** 2
-    precision, falls = np.float32(1.0) / variance, np.float32(0.5 / _POWER)
+    precision = np.float32(1.0) / variance
     first, stride, shares = cloud.first[i], cloud.stride[i], seen.shares
     top, bottom, left, right = cloud.window[i, 0], cloud.window[i, 1], cloud.window[i, 2], cloud.window[i, 3]
-    across = right - left
-    total = np.float32(0.0)
+    lanes, into = everywhere(np.float32(0.0)), 0
     for row in range(top, bottom):
-        base, into = first + row * stride + left, (row - top) * across
-        part = np.float32(0.0)
-        for c in range(across):
-            k = base + c
-            dx, dy, dz = px - seen.t[k] * rays.x[k], py - seen.t[k] * rays.y[k], pz - seen.t[k] * rays.z[k]
-            off = dx * seen.wall[0, k] + dy * seen.wall[1, k] + dz * seen.wall[2, k]
-            beside = dx * dx + dy * dy + dz * dz - off * off
-            spread = np.float32(1.0) / (variance + seen.patch[k])
-            u = max(np.float32(1.0) - falls * (off * off * precision + beside * spread), np.float32(0.0))
-            u2 = u * u
-            u4 = u2 * u2
-            u8 = u4 * u4
-            u16 = u8 * u8
-            u32 = u16 * u16
-            shares[into + c] = u32 * u16 * u8 * u4 * u2 * u * spread
-            part += u32 * u32 * spread
-        total += part * cloud.solid[base]
+        base = first + row * stride
+        part = everywhere(np.float32(0.0))
+        for k in range(base + left, base + right, LANES):
+            off, beside, _ = _off(rays, seen, point, k)
+            spread = 1.0 / (load(seen.patch, k) + variance)
+            exponent = (off * off * precision + beside * spread) * 0.5
+            share = choose(exponent < _NOTHING, exponential(-exponent) * spread, 0.0)
+            store(shares, into, share)
+            part += share
+            into += LANES
+        lanes += part * cloud.solid[base]
+    total = np.float32(0.0)
+    store(shares, into, lanes)
+    for k in range(LANES):
+        total += shares[into + k]
     normal = real * _NORM * r * r * scale * np.sqrt(precision)
     density = normal * total
-    each = np.float32(normal / (density + even))
+    each, into = np.float32(normal / (density + even)), 0
     for row in range(top, bottom):
-        base, into = first + row * stride + left, (row - top) * across
+        base = first + row * stride
         weight = each * cloud.solid[base]
-        for c in range(across):
-            k = base + c
-            w = weight * shares[into + c]
-            dx, dy, dz = px - seen.t[k] * rays.x[k], py - seen.t[k] * rays.y[k], pz - seen.t[k] * rays.z[k]
-            off = dx * seen.wall[0, k] + dy * seen.wall[1, k] + dz * seen.wall[2, k]
-            along = (dx * rays.x[k] + dy * rays.y[k] + dz * rays.z[k]) / seen.cosine[k]
-            seen.weights[k] += w * precision
-            seen.pulls[k] += w * (off * precision + (along - off) / (variance + seen.patch[k]))
+        for k in range(base + left, base + right, LANES):
+            off, _, ahead = _off(rays, seen, point, k)
+            share = load(shares, into) * weight
+            along = ahead / load(seen.cosine, k) - off
+            store(seen.weights, k, load(seen.weights, k) + share * precision)
+            pull = off * precision + along / (load(seen.patch, k) + variance)
+            store(seen.pulls, k, load(seen.pulls, k) + share * pull)
+            into += LANES
     return -2.0 * np.log(density + even)
 
 
 @_part_njit
-def _add_up(rays, cloud, scale, seen, unknowns, equations):
+def _equations_of(sight, scale, seen, equations):
     """The normal equations from the responsibilities of the rays.
 
     When the pose moves, the place of a ray slides along it as the plane of its wall says.
     """
-    matrix, right, origin = equations.matrix, equations.right, cloud.origin
-    matrix[:unknowns, :unknowns] = 0
-    right[:unknowns] = 0
-    row = np.empty(POSE + 1)
-    for k in range(len(seen.t)):
-        if seen.weights[k] < 1e-9 or seen.t[k] >= _FAR_MM:
+    rays, model, work, origin = sight.rays, sight.model, sight.memory.work, sight.cloud.origin
+    unknowns = POSE + model.free
+    equations.matrix[: unknowns + 4] = 0
+    n, count = len(seen.t), 0
+    for at in range(0, n, LANES):
+        weight, t = load(seen.weights, at), load(seen.t, at)
+        there = (weight > _LEAST_WEIGHT) & (t < _FAR_MM)
+        if not any_lane(there):
             continue
-        mx, my, mz, t = seen.wall[0, k], seen.wall[1, k], seen.wall[2, k], seen.t[k]
-        qx = scale * origin[k, 0] + t * rays.x[k]
-        qy = scale * origin[k, 1] + t * rays.y[k]
-        qz = scale * origin[k, 2] + t * rays.z[k]
-        row[0], row[1], row[2] = mx, my, mz
-        row[3], row[4], row[5] = qy * mz - qz * my, qz * mx - qx * mz, qx * my - qy * mx
-        row[6] = mx * qx + my * qy + mz * qz
-        for i in range(unknowns):
-            right[i] -= seen.pulls[k] * row[i]
-            q = seen.weights[k] * row[i]
-            for j in range(i + 1):
-                matrix[i, j] += q * row[j]
+        wall = load(seen.wall, at), load(seen.wall, n + at), load(seen.wall, 2 * n + at)
+        qx = t * load(rays.x, at) + scale * origin[at, 0]
+        qy = t * load(rays.y, at) + scale * origin[at, 1]
+        qz = t * load(rays.z, at) + scale * origin[at, 2]
+        slopes(work, wall, (qx, qy, qz), everywhere(np.float32(1.0)))
+        store(work.lane, 6 * LANES, wall[0] * qx + wall[1] * qy + wall[2] * qz)
+        store(work.weight, 0, choose(there, weight, 0.0))
+        store(work.error, 0, choose(there, load(seen.pulls, at) / weight, 0.0))
+        to_rows(rays, model, work, at, count)
+        count += LANES
+        if count == BLOCKS * LANES:
+            add_up(work, count, unknowns + 1, equations.matrix)
+            count = 0
+    add_up(work, count, unknowns + 1, equations.matrix)
+    for i in range(unknowns):
+        equations.right[i] = -equations.matrix[unknowns, i]

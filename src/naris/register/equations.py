@@ -13,15 +13,19 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from naris.render.lanes import LANES, load, store
+from naris.render.lane_functions import exponential, logarithm
+from naris.render.lanes import LANES, choose, everywhere, least, load, magnitude, most, sqrt, store
 from naris.render.packets import Packet, begin_frame, found, intersect
 
 POSE = 6
 MOST_UNKNOWNS = 64
+ROW, BLOCKS = 80, 4
+"""Numbers from one row of equations to the next, and how many blocks of rays are added up at a time."""
 RANGES, ON_RAY, CLOUD = 0, 1, 2
 _LEAST_COSINE = 0.05
 _OUTSIDE = 100.0
 _NO_WALL = 0.1
+_LEAST_DENSITY = 1e-37  # a float has a logarithm from there on
 _ROOT = 0.3989422804014327  # 1/√(2π)
 
 _part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
@@ -38,7 +42,7 @@ class Rays(NamedTuple):
         origin: (N / 16, 3) in the rig.
         range: (N,) along the ray.
         radial, isotropic: (N,) standard deviations of the error along the ray and in every direction.
-        field: (N, K) functions whose sum makes the smooth relative error of the ranges.
+        field: (N, K) functions whose sum makes the smooth relative error of the ranges, with 0 up to a multiple of 16.
         prior: (K,) precision of their coefficients.
     """
 
@@ -81,6 +85,25 @@ class Model(NamedTuple):
     smooth: int
 
 
+class Work(NamedTuple):
+    """Where a few blocks of rays become rows of equations; float32.
+
+    Attributes:
+        lane: (128,) what is on its way from lanes to rows.
+        error, by_smooth, weight: (16,) of one block.
+        smooth: (64,) coefficients of the smooth error.
+        rows, weighted: (ROW · 16 · BLOCKS,) derivatives and residuals, and the same times their weights.
+    """
+
+    lane: np.ndarray
+    error: np.ndarray
+    by_smooth: np.ndarray
+    weight: np.ndarray
+    smooth: np.ndarray
+    rows: np.ndarray
+    weighted: np.ndarray
+
+
 class Memory(NamedTuple):
     """What one thread needs: rays in flight, and what N of them met.
 
@@ -88,16 +111,21 @@ class Memory(NamedTuple):
         ray: (3, N) direction in the anatomy.
         hit: (N,) distance to the wall, times the side that is seen.
         normal: (3, N) of the wall, towards the camera; 0 where no wall is.
+        work: where equations are put together.
     """
 
     packet: Packet
     ray: np.ndarray
     hit: np.ndarray
     normal: np.ndarray
+    work: Work
 
 
 class Equations(NamedTuple):
-    """Normal equations: the lower triangle of (U, U), and the right-hand side (U,)."""
+    """Normal equations: the lower triangle of (U, U), and the right-hand side (U,).
+
+    The matrix (64, 64) has room for more, what lies beyond has no meaning.
+    """
 
     matrix: np.ndarray
     right: np.ndarray
@@ -145,106 +173,180 @@ def cast(embree, rays, pose, scale, memory):
 
 
 @_inline_njit
-def _by_plane(rays, at, scale, wall, smooth_error):
-    """The way of a point to the plane of the wall that its ray meets.
+def _by_plane(ray, scale, wall, smooth_error):
+    """The way of points to the planes of the walls that their rays meet.
 
     Gives the residual (mm), its deviation, the deviation along the ray in the unit of the observation, the point in the
     rig that turns with it, the factor of the pose's derivative, and the derivatives by log scale and smooth error.
     """
-    mx, my, mz, cosine, t, ox, oy, oz = wall
-    r = rays.range[at] * scale
-    radial, even = rays.radial[at] * scale, rays.isotropic[at] * scale
-    inward = max(cosine * cosine, _LEAST_COSINE * _LEAST_COSINE)
-    deviation = np.sqrt(inward * radial * radial + even * even)
-    px, py, pz = ox + r * rays.x[at], oy + r * rays.y[at], oz + r * rays.z[at]
+    (x, y, z), (ox, oy, oz), distance, radial, even = ray
+    (mx, my, mz), cosine, t = wall
+    r = distance * scale
+    radial, even = radial * scale, even * scale
+    inward = most(cosine * cosine, np.float32(_LEAST_COSINE * _LEAST_COSINE))
+    deviation = sqrt(inward * radial * radial + even * even)
+    px, py, pz = r * x + ox, r * y + oy, r * z + oz
     error = (r * (1.0 - smooth_error) - t) * cosine
-    along, by_scale = deviation / np.sqrt(inward) / scale, mx * px + my * py + mz * pz
-    return error, deviation, along, px, py, pz, 1.0, by_scale, -cosine * r
+    along, by_scale = deviation / (sqrt(inward) * scale), mx * px + my * py + mz * pz
+    return error, deviation, along, (px, py, pz), everywhere(np.float32(1.0)), by_scale, -cosine * r
 
 
 @_inline_njit
-def _by_range(rays, at, scale, wall, smooth_error):
-    """The logarithm of the ratio of a range to that of the wall; what it gives is as that of `_by_plane`.
+def _by_range(ray, scale, wall, smooth_error):
+    """The logarithms of the ratios of ranges to those of the walls; what it gives is as that of `_by_plane`.
 
     A scale that is free is not drawn towards small clouds by it, as it is by residuals in mm.
     """
-    mx, my, mz, cosine, t, ox, oy, oz = wall
-    cosine = min(cosine, -_LEAST_COSINE)
-    r = rays.range[at]
-    radial, even = rays.radial[at] / r, rays.isotropic[at] / (r * cosine)
-    deviation = np.sqrt(radial * radial + even * even)
-    px, py, pz = ox + t * rays.x[at], oy + t * rays.y[at], oz + t * rays.z[at]
+    (x, y, z), (ox, oy, oz), r, radial, even = ray
+    (mx, my, mz), cosine, t = wall
+    cosine = least(cosine, np.float32(-_LEAST_COSINE))
+    radial, even = radial / r, even / (r * cosine)
+    deviation = sqrt(radial * radial + even * even)
+    px, py, pz = t * x + ox, t * y + oy, t * z + oz
     factor = 1.0 / (t * cosine)
-    by_scale = 1.0 + (mx * ox + my * oy + mz * oz) * factor
-    return np.log(r * scale / t) - smooth_error, deviation, deviation * r, px, py, pz, factor, by_scale, -1.0
+    by_scale = (mx * ox + my * oy + mz * oz) * factor + 1.0
+    error = logarithm(r * scale / t) - smooth_error
+    return error, deviation, deviation * r, (px, py, pz), factor, by_scale, everywhere(np.float32(-1.0))
 
 
 @_inline_njit
-def _equation(sight, pose, scale, smooth, at, row):
-    """The residual of a ray that meets a wall, its deviation, that along the ray, and, in `row`, the derivatives."""
-    rays, model, memory = sight.rays, sight.model, sight.memory
-    nx, ny, nz = memory.normal[0, at], memory.normal[1, at], memory.normal[2, at]
-    mx = pose[0, 0] * nx + pose[1, 0] * ny + pose[2, 0] * nz
-    my = pose[0, 1] * nx + pose[1, 1] * ny + pose[2, 1] * nz
-    mz = pose[0, 2] * nx + pose[1, 2] * ny + pose[2, 2] * nz
-    cosine = mx * rays.x[at] + my * rays.y[at] + mz * rays.z[at]
-    origin = at // LANES
-    ox, oy, oz = scale * rays.origin[origin, 0], scale * rays.origin[origin, 1], scale * rays.origin[origin, 2]
-    smooth_error = 0.0
-    for k in range(model.smooth):
-        smooth_error += smooth[k] * rays.field[at, k]
-    wall = (mx, my, mz, cosine, abs(memory.hit[at]), ox, oy, oz)
+def walls(sight, pose, at):
+    """What a block of rays meets: normals in the rig, their cosines with the rays, and how far away it is."""
+    rays, memory = sight.rays, sight.memory
+    n = len(memory.hit)
+    nx, ny, nz = load(memory.normal, at), load(memory.normal, n + at), load(memory.normal, 2 * n + at)
+    mx = np.float32(pose[0, 0]) * nx + np.float32(pose[1, 0]) * ny + np.float32(pose[2, 0]) * nz
+    my = np.float32(pose[0, 1]) * nx + np.float32(pose[1, 1]) * ny + np.float32(pose[2, 1]) * nz
+    mz = np.float32(pose[0, 2]) * nx + np.float32(pose[1, 2]) * ny + np.float32(pose[2, 2]) * nz
+    cosine = mx * load(rays.x, at) + my * load(rays.y, at) + mz * load(rays.z, at)
+    return nx * nx + ny * ny + nz * nz > 0.5, ((mx, my, mz), cosine, magnitude(load(memory.hit, at)))
+
+
+@_inline_njit
+def _block(sight, pose, scale, width, block, base):
+    """The residuals of a block of rays and their derivatives, left in `memory.work` as its rays base … base + 15.
+
+    A range is normal about what the wall says, or an outlier (even up to `model.reach`); each ray is weighted by the
+    probability that it is none. Gives the logarithm of the likelihood of each ray.
+    """
+    rays, model, work = sight.rays, sight.model, sight.memory.work
+    at = block * LANES
+    met, wall = walls(sight, pose, at)
+    real = load(rays.valid, at) < 0
+    met = met & real
+    smooth_error = everywhere(np.float32(0.0))
+    if model.smooth:
+        _smooth_errors(rays, model, work, at)
+        smooth_error = load(work.lane, 0)
+    ox, oy, oz = scale * rays.origin[block, 0], scale * rays.origin[block, 1], scale * rays.origin[block, 2]
+    way = load(rays.x, at), load(rays.y, at), load(rays.z, at)
+    origin = np.float32(ox), np.float32(oy), np.float32(oz)
+    ray = way, origin, load(rays.range, at), load(rays.radial, at), load(rays.isotropic, at)
     if model.kind == RANGES:
-        e, sd, along, px, py, pz, factor, by_scale, by_smooth = _by_range(rays, at, scale, wall, smooth_error)
+        e, sd, along, point, factor, by_scale, by_smooth = _by_range(ray, np.float32(scale), wall, smooth_error)
     else:
-        e, sd, along, px, py, pz, factor, by_scale, by_smooth = _by_plane(rays, at, scale, wall, smooth_error)
-    row[0], row[1], row[2] = factor * mx, factor * my, factor * mz
-    row[3], row[4] = factor * (py * mz - pz * my), factor * (pz * mx - px * mz)
-    row[5] = factor * (px * my - py * mx)
-    if model.free:
-        row[POSE] = by_scale
-    for k in range(model.smooth):
-        row[POSE + model.free + k] = by_smooth * rays.field[at, k]
-    return e, sd, along
+        e, sd, along, point, factor, by_scale, by_smooth = _by_plane(ray, np.float32(scale), wall, smooth_error)
+    sd, along, even = sd * np.float32(width), along * np.float32(width), np.float32(model.outliers / model.reach)
+    off = e / sd
+    normal = np.float32((1.0 - model.outliers) * _ROOT) / along * exponential(off * off * -0.5)
+    density = most(normal + even, np.float32(_LEAST_DENSITY))
+    slopes(work, wall[0], point, factor)
+    store(work.lane, 6 * LANES, by_scale)
+    store(work.error, 0, e)
+    store(work.by_smooth, 0, by_smooth)
+    store(work.weight, 0, choose(met, normal / (density * sd * sd), 0.0))
+    to_rows(rays, model, work, at, base)
+    return choose(real, logarithm(choose(met, density, np.float32(_NO_WALL) * even)), 0.0)
+
+
+@_part_njit
+def _smooth_errors(rays, model, work, at):
+    """Those of a block of rays, left in the first lanes."""
+    for k in range(LANES):
+        error = np.float32(0.0)
+        for m in range(model.smooth):
+            error += work.smooth[m] * rays.field[at + k, m]
+        work.lane[k] = error
+
+
+@_inline_njit
+def slopes(work, wall, point, factor):
+    """How residuals change with the pose, left in the first six lanes: walls (normals) and points in the rig."""
+    (mx, my, mz), (px, py, pz) = wall, point
+    store(work.lane, 0, factor * mx)
+    store(work.lane, LANES, factor * my)
+    store(work.lane, 2 * LANES, factor * mz)
+    store(work.lane, 3 * LANES, factor * (py * mz - pz * my))
+    store(work.lane, 4 * LANES, factor * (pz * mx - px * mz))
+    store(work.lane, 5 * LANES, factor * (px * my - py * mx))
+
+
+@_part_njit
+def to_rows(rays, model, work, at, base):
+    """From lanes to rows, with the derivatives by the smooth error, the residual at their end, and times the weight."""
+    first, unknowns = POSE + model.free, POSE + model.free + model.smooth
+    for k in range(LANES):
+        row = (base + k) * ROW
+        for m in range(0, model.smooth, LANES):
+            store(work.rows, row + first + m, work.by_smooth[k] * load(rays.field, (at + k) * rays.field.shape[1] + m))
+        for m in range(first):
+            work.rows[row + m] = work.lane[m * LANES + k]
+        work.rows[row + unknowns] = work.error[k]
+        for m in range(0, unknowns + 1, LANES):
+            store(work.weighted, row + m, work.weight[k] * load(work.rows, row + m))
+
+
+@_part_njit
+def add_up(work, count, size, matrix):
+    """Adds the products of `count` rows and weighted rows to the lower triangle, four of its rows at a time."""
+    for i in range(0, size, 4):
+        for j in range(0, i + 4, LANES):
+            a, b, c, d = (everywhere(np.float32(0.0)), everywhere(np.float32(0.0)), everywhere(np.float32(0.0)),
+                          everywhere(np.float32(0.0)))  # fmt: skip
+            for k in range(count):
+                row, at = load(work.rows, k * ROW + j), k * ROW + i
+                a += work.weighted[at] * row
+                b += work.weighted[at + 1] * row
+                c += work.weighted[at + 2] * row
+                d += work.weighted[at + 3] * row
+            store(work.lane, 0, a)
+            store(work.lane, LANES, b)
+            store(work.lane, 2 * LANES, c)
+            store(work.lane, 3 * LANES, d)
+            for k in range(4):
+                for m in range(LANES):
+                    matrix[i + k, j + m] += work.lane[k * LANES + m]
 
 
 @_part_njit
 def linearise_rays(sight, pose, log_scale, smooth, width, equations):
     """As `naris.register.steps.linearise`, for rays each of which is compared with the wall that it meets.
 
-    A range is normal about what the wall says, or an outlier (even up to `model.reach`); each ray is weighted by the
-    probability that it is none. `width` widens the normal distribution, which widens the basin.
+    `width` widens the normal distribution, which widens the basin.
     """
     rays, model, memory = sight.rays, sight.model, sight.memory
-    matrix, right = equations.matrix, equations.right
+    matrix, right, work = equations.matrix, equations.right, memory.work
     scale = np.exp(log_scale)
     cast(sight.embree, rays, pose, scale, memory)
     unknowns = POSE + model.free + model.smooth
-    matrix[:unknowns, :unknowns] = 0
-    right[:unknowns] = 0
-    row = np.empty(MOST_UNKNOWNS)
+    for k in range(model.smooth):
+        work.smooth[k] = smooth[k]
+    matrix[: unknowns + 4] = 0
     cost, count, outside = 0.0, 0, 0
-    even = model.outliers / model.reach
-    for at in range(len(rays.x)):
-        if rays.valid[at] == 0:
-            continue
-        count += 1
-        if memory.hit[at] * model.inside < 0:
-            outside += 1
-        nx, ny, nz = memory.normal[0, at], memory.normal[1, at], memory.normal[2, at]
-        if nx * nx + ny * ny + nz * nz < 0.5:
-            cost -= 2.0 * np.log(_NO_WALL * even)
-            continue
-        e, sd, along = _equation(sight, pose, scale, smooth, at, row)
-        sd, along = sd * width, along * width
-        normal = (1.0 - model.outliers) * _ROOT / along * np.exp(-0.5 * (e / sd) ** 2)
-        cost -= 2.0 * np.log(normal + even)
-        weight = normal / ((normal + even) * sd * sd)
-        for i in range(unknowns):
-            q = weight * row[i]
-            right[i] -= q * e
-            for j in range(i + 1):
-                matrix[i, j] += q * row[j]
+    blocks = len(rays.x) // LANES
+    for first in range(0, blocks, BLOCKS):
+        last = min(first + BLOCKS, blocks)
+        for block in range(first, last):
+            logs = _block(sight, pose, scale, width, block, (block - first) * LANES)
+            store(work.lane, 0, logs)
+            for k in range(LANES):
+                at = block * LANES + k
+                cost -= 2.0 * work.lane[k]
+                count -= rays.valid[at]
+                outside += rays.valid[at] != 0 and memory.hit[at] * model.inside < 0
+        add_up(work, (last - first) * LANES, unknowns + 1, matrix)
+    for i in range(unknowns):
+        right[i] = -matrix[unknowns, i]
     cost += priors(rays, model, log_scale, smooth, equations)
     return per_ray(model, cost, count, 2 * outside > count, log_scale)
 

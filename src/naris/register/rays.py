@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from naris.register.cloud import lattice_of, no_cloud
 from naris.register.cloud_equations import Cloud
-from naris.register.equations import CLOUD, ON_RAY, RANGES, Memory, Model, Rays
+from naris.register.equations import BLOCKS, CLOUD, MOST_UNKNOWNS, ON_RAY, RANGES, ROW, Memory, Model, Rays, Work
 from naris.register.observation import Observation
 from naris.register.smooth import SmoothError, smooth_error
 from naris.register.steps import Sight
@@ -114,7 +114,10 @@ def rays_of(
         return np.ascontiguousarray(values[row], dtype=np.float32)
 
     x, y, z = (column(directions[:, k]) for k in range(3))
-    functions = np.zeros((len(ranges), 1)) if field is None else field.functions
+    count = 0 if field is None else len(field.precision)
+    functions = np.zeros((len(ranges), LANES * max(-(-count // LANES), 1)))
+    if field is not None:
+        functions[:, :count] = field.functions
     return Rays(
         x,
         y,
@@ -140,7 +143,11 @@ def memory_for(rays: Rays) -> Memory:
     again, part = aligned(LANES, np.int32), aligned(LANES, np.int32)
     packet = Packet(wide, wide.view(np.int32), narrow, narrow.view(np.int32), again, part)
     n = len(rays.x)
-    return Memory(packet, np.zeros((3, n), np.float32), np.zeros(n, np.float32), np.zeros((3, n), np.float32))
+    rows = 16 * BLOCKS * ROW
+    work = Work(*(aligned(size, np.float32) for size in (128, LANES, LANES, LANES, MOST_UNKNOWNS, rows, rows)))
+    for array in work:
+        array[:] = 0
+    return Memory(packet, np.zeros((3, n), np.float32), np.zeros(n, np.float32), np.zeros((3, n), np.float32), work)
 
 
 def ranges_met(rays: Rays, memory: Memory) -> Float[np.ndarray, "n"]:

@@ -421,6 +421,18 @@ def bits(context, x):
 
 @intrinsic
 @no_type_check
+def of_bits(context, x):
+    """The floats that bits stand for."""
+
+    @no_type_check
+    def generate(context, builder, sig, args):
+        return builder.bitcast(args[0], floats.llvm)
+
+    return floats(x), generate
+
+
+@intrinsic
+@no_type_check
 def shifted_down(context, x, by):
     """Integers shifted right with zeros coming in."""
 
