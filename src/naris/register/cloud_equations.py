@@ -5,7 +5,8 @@
 What a camera at a pose sees is cast on a lattice of rays. A point is the place of some ray on the wall plus noise, so
 its likelihood is the sum over the rays around it (the E-step of Granger and Pennec 2002, ECCV, taken over what is
 visible instead of a whole surface). Nothing behind a wall counts, and edges and slits need no rule of their own. A ray
-stands for a patch of the wall: across it the noise alone tells how far a point may be, along it the patch is added.
+stands for a patch of the wall, the longer the more the wall is slanted: across the wall the noise alone tells how far
+away a point may be, along it the patch is added.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ from numba import njit
 
 from naris.register.equations import BLOCKS, POSE, add_up, cast, per_ray, priors, slopes, to_rows, walls
 from naris.render.lane_functions import exponential
-from naris.render.lanes import LANES, any_lane, choose, everywhere, least, load, store
+from naris.render.lanes import LANES, any_lane, choose, everywhere, least, load, most, sqrt, store
 
 _LEAST_COSINE = 0.1
-_PATCH = 0.4  # standard deviation of a patch, beside the way from ray to ray
+_PATCH = 0.35  # standard deviation of a patch, beside the way from ray to ray
 _FAR_MM = 1e6
 _NOTHING = np.float32(40.0)  # an exponent from which on a share is 0
+_LEAST_SINE = np.float32(1e-4)  # squared
 _LEAST_WEIGHT = np.float32(1e-9)
 _NORM = 0.06349363593424098  # (2π)^(−3/2)
 
@@ -37,7 +39,7 @@ class Seen(NamedTuple):
         t: (K,) how far; very far where nothing is.
         wall: (3, K) its normal.
         cosine: (K,) of its normal with the ray, negative.
-        patch: (K,) variance of the patch along the wall (mm²).
+        patch: (K,) variance of the patch across its ray (mm²).
         weights, pulls: (K,) responsibilities of the rays over the variance, and times the way along the row.
         shares: (most,) of the rays around one point, and sixteen more.
     """
@@ -102,13 +104,12 @@ def _look(sight, pose, scale):
     for at in range(0, n, LANES):
         there, ((mx, my, mz), met, far) = walls(sight, pose, at)
         slanted = least(met, np.float32(-_LEAST_COSINE))
-        across = far / slanted
         store(wall, at, mx)
         store(wall, n + at, my)
         store(wall, 2 * n + at, mz)
         store(t, at, choose(there, far, np.float32(_FAR_MM)))
         store(cosine, at, slanted)
-        store(patch, at, choose(there, np.float32(_PATCH * _PATCH) * load(cloud.solid, at) * across * across, 0.0))
+        store(patch, at, choose(there, np.float32(_PATCH * _PATCH) * load(cloud.solid, at) * far * far, 0.0))
     for k in range(n):
         outside += memory.hit[k] * sight.model.inside < 0
     weights, pulls = np.zeros(n, np.float32), np.zeros(n, np.float32)
@@ -116,13 +117,22 @@ def _look(sight, pose, scale):
 
 
 @_inline_njit
-def _off(rays, seen, point, k):
-    """From the places of sixteen rays to a point: across their walls, along them squared, and along the rays."""
+def _off(rays, seen, point, variance, k):
+    """From the places of sixteen rays on their walls to a point.
+
+    Gives the way across the wall, then along it that away from the camera and that across the ray, squared, the
+    precisions of these two, and how fast the first grows when the wall moves.
+    """
     n = len(seen.t)
     t, x, y, z = load(seen.t, k), load(rays.x, k), load(rays.y, k), load(rays.z, k)
     dx, dy, dz = point[0] - t * x, point[1] - t * y, point[2] - t * z
-    off = dx * load(seen.wall, k) + dy * load(seen.wall, n + k) + dz * load(seen.wall, 2 * n + k)
-    return off, dx * dx + dy * dy + dz * dz - off * off, dx * x + dy * y + dz * z
+    across = dx * load(seen.wall, k) + dy * load(seen.wall, n + k) + dz * load(seen.wall, 2 * n + k)
+    cosine, patch = load(seen.cosine, k), load(seen.patch, k)
+    sine = sqrt(most(1.0 - cosine * cosine, _LEAST_SINE))
+    away = (dx * x + dy * y + dz * z - across * cosine) / sine
+    level = dx * dx + dy * dy + dz * dz - across * across - away * away
+    of_away, of_level = 1.0 / (patch / (cosine * cosine) + variance), 1.0 / (patch + variance)
+    return across, away, level, of_away, of_level, sine / cosine
 
 
 @_part_njit
@@ -144,10 +154,9 @@ def _point(rays, cloud, i, noise, seen):
         base = first + row * stride
         part = everywhere(np.float32(0.0))
         for k in range(base + left, base + right, LANES):
-            off, beside, _ = _off(rays, seen, point, k)
-            spread = 1.0 / (load(seen.patch, k) + variance)
-            exponent = (off * off * precision + beside * spread) * 0.5
-            share = choose(exponent < _NOTHING, exponential(-exponent) * spread, 0.0)
+            across, away, level, of_away, of_level, _ = _off(rays, seen, point, variance, k)
+            exponent = (across * across * precision + away * away * of_away + level * of_level) * 0.5
+            share = choose(exponent < _NOTHING, exponential(-exponent) * sqrt(of_away * of_level), 0.0)
             store(shares, into, share)
             part += share
             into += LANES
@@ -163,11 +172,10 @@ def _point(rays, cloud, i, noise, seen):
         base = first + row * stride
         weight = each * cloud.solid[base]
         for k in range(base + left, base + right, LANES):
-            off, _, ahead = _off(rays, seen, point, k)
+            across, away, _, of_away, _, slope = _off(rays, seen, point, variance, k)
             share = load(shares, into) * weight
-            along = ahead / load(seen.cosine, k) - off
             store(seen.weights, k, load(seen.weights, k) + share * precision)
-            pull = off * precision + along / (load(seen.patch, k) + variance)
+            pull = across * precision + away * slope * of_away
             store(seen.pulls, k, load(seen.pulls, k) + share * pull)
             into += LANES
     return -2.0 * np.log(density + even)

@@ -26,6 +26,8 @@ class Search(NamedTuple):
         texels: (R, M) where each ray looks after each turn.
         free: 1 to take off the mean difference, within `shifts`.
         cap: of each difference.
+        shifts: the least and the most of them.
+        sources: as those of `naris.register.steps.Sight`.
     """
 
     panoramas: np.ndarray
@@ -34,6 +36,7 @@ class Search(NamedTuple):
     free: int
     cap: int
     shifts: tuple[int, int]
+    sources: np.ndarray
 
 
 class Fits(NamedTuple):

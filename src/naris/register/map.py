@@ -18,7 +18,7 @@ from naris.register.equations import cast
 from naris.register.map_file import MapArrays, map_file, read_map, write_map
 from naris.register.rays import memory_for, ranges_met, rays_of
 from naris.register.threads import spread
-from naris.render.embree import ARGUMENTS, PacketScene, library
+from naris.render.embree import ARGUMENTS, SCATTERED, PacketScene, library
 from naris.render.geometry import geometry_of
 from naris.render.packets import Embree
 
@@ -54,6 +54,11 @@ class RegistrationMap:
     inward: Float[np.ndarray, "3"]
     embree: Embree
     scene: PacketScene
+
+    @property
+    def embree_scattered(self) -> Embree:
+        """The same for few rays over a whole view."""
+        return self.embree._replace(arguments=ctypes.addressof(SCATTERED))
 
     @property
     def inside(self) -> float:

@@ -36,7 +36,7 @@ _LOOSE_MM, _LOOSE_RAD = 4.0, 0.2
 """How far shading may move a pose from where depth has it: the errors of the network are larger than what it says."""
 
 
-SEARCH = RegisterConfig(finalists=16)
+SEARCH = RegisterConfig()
 """By depth, which is rough: more places are kept than of a depth image."""
 
 

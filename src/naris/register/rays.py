@@ -132,9 +132,10 @@ def rays_of(
     )
 
 
-def sight(at: RegistrationMap, seen: Prepared) -> Sight:
-    """All that one thread needs for the equations of an observation."""
-    return Sight(at.embree, seen.rays, seen.model, memory_for(seen.rays), seen.cloud, _sources())
+def sight(at: RegistrationMap, seen: Prepared, *, scattered: bool = False) -> Sight:
+    """All that one thread needs for the equations of an observation; `scattered` if its rays are few over the view."""
+    embree = at.embree_scattered if scattered else at.embree
+    return Sight(embree, seen.rays, seen.model, memory_for(seen.rays), seen.cloud, _sources())
 
 
 def memory_for(rays: Rays) -> Memory:

@@ -40,7 +40,7 @@ class RegisterConfig:
     """
 
     starts: int = 200
-    finalists: int = 8
+    finalists: int = 16
     aside: int = 4
     least_probability: float = 0.8
     seed: int = 0

@@ -16,7 +16,7 @@ from naris.register.starts import Starts
 from naris.register.steps import Schedule, States, judge, solve
 from naris.register.threads import spread
 
-COARSE_RAYS = 256
+COARSE_RAYS, _WIDE_RAYS = 256, 128
 WIDE, COARSE = (Schedule(np.array([width]), np.array([6])) for width in (4.0, 1.0))
 """First with the noise said to be four times as wide, which lets a start slip over what is small."""
 FINE = Schedule(np.array([1.0]), np.array([15]))
@@ -25,6 +25,7 @@ BASIN_MM, BASIN_RAD = 2.0, 0.15
 """Poses further apart than either of these are different answers."""
 _COARSE_OUTLIERS = 0.1
 _PROMISING, _PROMISING_POINTS, _FEW = 0.6, 0.8, 8  # the share of starts worth a second stage, never fewer than so many
+_ONE_MM, _ONE_RAD = 0.15, 0.02  # what begins there again ends where the other does
 _SAME_MM, _SAME_RAD = 0.5, 0.07
 _BEHIND = 100.0  # in −2 log likelihood of the coarse rays: of 70 views each none was best that was so far behind
 _RIG = "rig"
@@ -54,19 +55,43 @@ class Solutions:
     def __len__(self) -> int:
         return len(self.costs)
 
+    def first(self, count: int) -> Solutions:
+        """The best of them."""
+        matrices = None if self.matrices is None else self.matrices[:count]
+        return replace(
+            self, poses=self.poses[:count], log_scales=self.log_scales[:count], costs=self.costs[:count],
+            matrices=matrices,
+        )  # fmt: skip
 
-def coarse(at: RegistrationMap, observation: Observation, starts: Starts, *, most_rays: int = COARSE_RAYS) -> Solutions:
+
+def coarse(
+    at: RegistrationMap,
+    observation: Observation,
+    starts: Starts,
+    *,
+    most_rays: int = COARSE_RAYS,
+    every: bool = False,
+) -> Solutions:
     """From all starts on some of the rays, the smooth error counted as noise.
 
-    Those that are far behind with the wide noise are dropped then, of points fewer: they tell places apart less.
+    With the wide noise half of those rays are enough. Starts that are far behind then are dropped, of points fewer:
+    they tell places apart less; and so are all but one of those that came to the same place. With `every` none is, and
+    all those rays are used throughout.
     """
-    seen = prepared(at, observation.some(most_rays), fine=False)
-    model = seen.model._replace(outliers=max(seen.model.outliers, _COARSE_OUTLIERS))
-    seen = replace(seen, model=model)
-    wide = _solved(at, seen, starts, WIDE)
+    few = most_rays if every else min(most_rays, _WIDE_RAYS)
+    wide = _solved(at, _coarsely(at, observation, few), starts, WIDE, scattered=True)
+    if every:
+        return _solved(at, _coarsely(at, observation, most_rays), Starts(wide.poses, wide.log_scales), COARSE)
     share = _PROMISING_POINTS if observation.is_cloud else _PROMISING
-    kept = max(round(share * len(wide)), min(_FEW, len(wide)))
-    return _solved(at, seen, Starts(wide.poses[:kept], wide.log_scales[:kept]), COARSE)
+    most = max(round(share * len(wide)), min(_FEW, len(wide)))
+    kept = different(wide.first(most), most, _ONE_MM, _ONE_RAD)
+    left = Starts(wide.poses[kept], wide.log_scales[kept])
+    return _solved(at, _coarsely(at, observation, most_rays), left, COARSE, scattered=True)
+
+
+def _coarsely(at: RegistrationMap, observation: Observation, rays: int) -> Prepared:
+    seen = prepared(at, observation.some(rays), fine=False)
+    return replace(seen, model=seen.model._replace(outliers=max(seen.model.outliers, _COARSE_OUTLIERS)))
 
 
 def fine(at: RegistrationMap, observation: Observation, starts: Starts) -> Solutions:
@@ -86,6 +111,7 @@ def _solved(
     schedule: Schedule,
     *,
     want_matrices: bool = False,
+    scattered: bool = False,
 ) -> Solutions:
     n, model = len(starts.poses), seen.model
     states = States(
@@ -95,7 +121,7 @@ def _solved(
     matrices = np.zeros((n, unknowns, unknowns)) if want_matrices else None
 
     def work(first: int, last: int) -> None:
-        looking = sight(at, seen)
+        looking = sight(at, seen, scattered=scattered)
         solve(looking, states, schedule, first, last)
         if matrices is not None:
             judge(looking, states, first, last, matrices)

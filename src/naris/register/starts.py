@@ -21,8 +21,9 @@ from naris.register.map import TEXELS, RegistrationMap, factor_of, quantised, st
 from naris.register.observation import Observation
 from naris.register.rays import memory_for, ranges_met, rays_of
 from naris.register.threads import spread
+from naris.render.sources import OF_PACKETS, sources_of
 
-_LOOKED_AT = 49
+_LOOKED_AT = 100
 _FEW = 3
 _PRIOR_SD = 2.0  # how far a scale may begin from its prior
 _ASKED = 3000  # starts of the first view that the other views are asked about
@@ -204,7 +205,7 @@ def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, cou
     best = np.full((len(chosen), _FEW), _NONE, np.int32)
     fits = Fits(best, np.zeros_like(best), np.zeros_like(best))
     seen = quantised(ranges).astype(np.int32)
-    search = Search(at.panoramas[chosen], seen, where, int(scale.free), _CAP, _shifts(observation))
+    search = Search(at.panoramas[chosen], seen, where, int(scale.free), _CAP, _shifts(observation), _sources())
 
     def work(first: int, last: int) -> None:
         compare(search, first, last, fits)
@@ -274,6 +275,11 @@ def _stratified(best: Int[np.ndarray, "p f"], chance: Float[np.ndarray, "p"], co
     rest = order[half:]
     worth = {level: max(round(half * level / levels.sum()), 1) for level in levels[::-1]}
     return np.concatenate([order[:half], *(rest[weight[rest] == level][:most] for level, most in worth.items())])
+
+
+@lru_cache(maxsize=1)
+def _sources() -> np.ndarray:
+    return sources_of("naris.register.compare", *OF_PACKETS)
 
 
 @lru_cache(maxsize=8)

@@ -43,7 +43,7 @@ _FEATURE_TRIANGLE = 1 << 1
 
 
 class IntersectArguments(ctypes.Structure):
-    """`RTCIntersectArguments`: the rays of a packet are coherent, and all geometry is triangles."""
+    """`RTCIntersectArguments`: whether the rays of a packet are coherent, and that all geometry is triangles."""
 
     _fields_ = (
         ("flags", ctypes.c_int),
@@ -57,6 +57,8 @@ class IntersectArguments(ctypes.Structure):
 
 
 ARGUMENTS = IntersectArguments(flags=_FLAG_COHERENT, feature_mask=_FEATURE_TRIANGLE)
+SCATTERED = IntersectArguments(flags=0, feature_mask=_FEATURE_TRIANGLE)
+"""For packets of few rays over a whole view, from ever other poses: a third quicker."""
 
 
 @dataclass(frozen=True)

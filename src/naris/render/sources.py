@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-OF_PACKETS = ("naris.render.lanes", "naris.render.packets")
+OF_PACKETS = ("naris.render.lanes", "naris.render.lane_functions", "naris.render.packets")
 """What rays in packets are made of."""
 
 
