@@ -31,10 +31,12 @@ def test_other_views_bring_a_start_near_the_truth_forward(
     for number, trial in enumerate(trials):
         views, rig_T_camera = neighbours_of(nose, trial, 2, number)
         seen = [one.observation("b") for one in views]
+        # A whole first view finds its place by itself.
+        seen[0] = seen[0].rows(seen[0].directions[:, 2] > np.cos(np.deg2rad(15)))
         alone.append(first_near(prepared_nose, seen[0], trial.anatomy_T_camera))
         with_others.append(first_near(prepared_nose, together(seen, rig_T_camera), trial.anatomy_T_camera))
-    assert sum(with_others) < 0.7 * sum(alone)
-    assert max(with_others) < 100
+    assert sum(with_others) < 0.5 * sum(alone)
+    assert np.median(with_others) < 20
 
 
 def test_other_views_of_an_unknown_unit_stand_where_the_scale_puts_them(

@@ -15,9 +15,12 @@ from naris.render.lanes import (
     gather,
     least,
     load,
+    load_bytes,
     magnitude,
     most,
+    of_bits,
     real,
+    same,
     shifted_down,
     sqrt,
     store,
@@ -66,7 +69,7 @@ def test_floats() -> None:
 
 
 @njit
-def _integers_njit(a, b, x, out):
+def _integers_njit(a, b, x, octets, out):
     i, j = load(a, 0), load(b, 0)
     store(out, 0, (i + j) * 3 - 1)
     store(out, 16, (i & 255) | (j << 8))
@@ -77,11 +80,13 @@ def _integers_njit(a, b, x, out):
     store(out, 96, whole(load(x, 0)) + counting(np.int32(5)))
     store(out, 112, bits(load(x, 0)))
     store(out, 128, whole(real(i) * 0.5))
+    store(out, 144, load_bytes(octets, 3) + same(7))
+    store(out, 160, bits(of_bits(i)))
 
 
 def test_integers() -> None:
-    out = np.zeros(144, np.int32)
-    _integers_njit(K, J, X, out)
+    out, octets = np.zeros(176, np.int32), RNG.integers(0, 256, 32).astype(np.uint8)
+    _integers_njit(K, J, X, octets, out)
     expected = [
         (K + J) * 3 - 1,
         (K & 255) | (J << 8),
@@ -92,8 +97,10 @@ def test_integers() -> None:
         np.trunc(X) + np.arange(16) + 5,
         X.view(np.int32),
         np.trunc(K * 0.5),
+        octets[3:19].astype(np.int32) + 7,
+        K,
     ]
-    assert np.array_equal(out.reshape(9, 16), np.array(expected))
+    assert np.array_equal(out.reshape(11, 16), np.array(expected))
 
 
 @njit

@@ -2,7 +2,7 @@
 
 Our search gives everybody the same poses to begin from; what everybody makes of them is judged by our likelihood, and
 the best is taken. Libraries and our own coarse and fine solver begin from its 40 best starts; ICP and IMLP, as a user
-chooses them (`RegisterConfig.method`), from the at most eight finalists that our coarse solver leaves of 200. Nobody
+chooses them (`RegisterConfig.method`), from the finalists that our coarse solver leaves of 200. Nobody
 begins again beside the best.
 
 None of the libraries estimates a scale with a pose. Where it is unknown, each start keeps the one that the search found
@@ -31,7 +31,6 @@ METHODS = ("icp", "imlp")
 """Ours as well; of a known scale only."""
 SOLVERS = (OURS, *METHODS, *PEERS)
 STARTS = 40
-_FINALISTS = 8
 _TARGET_POINTS = 100_000
 _REACHES_MM = (5.0, 2.5)
 
@@ -62,7 +61,7 @@ def solver_of(name: str, anatomy: Anatomy, seed: int = 0) -> Solver | str:
 
 def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, seed: int) -> Pose:
     rough = coarse(at, seen, _starts(at, seen, belief, seed))
-    best = fine(at, seen, promising(rough, _FINALISTS)).poses[0]
+    best = fine(at, seen, promising(rough, RegisterConfig().finalists)).poses[0]
     return Pose(best, at.anatomy.frame, CAMERA)
 
 
