@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ def search_of(places: int, turns: int, rays: int, *, free: bool, shifts: tuple[i
 def compared(search: Search, edges: list[int]) -> Fits:
     shape = len(search.panoramas), FEW
     fits = Fits(np.full(shape, NONE, np.int32), np.zeros(shape, np.int32), np.zeros(shape, np.int32))
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         compare(search, first, last, fits)
     return fits
 

@@ -159,6 +159,42 @@ def test_a_click_on_a_region_arrives_in_it(run: Callable[..., Any], browser: Any
     assert browser.execute_script("return naris.region()") == 2
 
 
+def test_a_drag_in_the_brush_paints_the_wall_and_turns_nothing(
+    run: Callable[..., Any], browser: Any, folder: Path
+) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    browser.find_element("id", "brush").click()
+    number, names = run("return [naris.region(), naris.page.about.regions.map(r => r.name)]")
+    other = (number + 1) % len(names)
+    run(f"document.querySelector('#brush-region').value = {other};"
+        "document.querySelector('#brush-region').dispatchEvent(new Event('change'));")  # fmt: skip
+    before = browser.execute_script("return naris.pose()")
+    painted = f"Array.from(naris.page.surface.arrays.region).filter(r => r === {other}).length"
+    was = browser.execute_script(f"return {painted}")
+    assert was > 0
+    canvas = browser.find_element("id", "inside-canvas")
+    ActionChains(browser).move_to_element(canvas).click_and_hold().move_by_offset(30, 10).release().perform()
+    until(lambda: browser.execute_script(f"return {painted}") > was)
+    np.testing.assert_allclose(browser.execute_script("return naris.pose()"), before, atol=1e-9)
+    browser.find_element("id", "brush-save").click()
+    until(lambda: (folder / "regions-1.json").exists())
+    more = browser.execute_script(f"return {painted}")
+    browser.find_element("id", "brush-undo").click()
+    until(lambda: browser.execute_script(f"return {painted}") < more)
+    back = browser.execute_script(f"return {painted}")
+    outside = browser.find_element("id", "outside-canvas")
+    turned = browser.execute_script("return [...naris.page.outside.turn]")
+    ActionChains(browser).move_to_element(outside).click_and_hold().move_by_offset(12, 0).release().perform()
+    until(lambda: browser.execute_script(f"return {painted}") != back)
+    assert browser.execute_script("return [...naris.page.outside.turn]") == turned
+    browser.find_element("id", "brush-undo").click()
+    until(lambda: browser.execute_script(f"return {painted}") == back)
+    browser.find_element("id", "brush").click()
+    ActionChains(browser).move_to_element(outside).click_and_hold().move_by_offset(12, 0).release().perform()
+    assert browser.execute_script("return naris.page.outside.turn[0]") != turned[0]
+
+
 def test_keyframes_survive_a_reload_and_their_pictures_are_those_of_simulate(
     run: Callable[..., Any], browser: Any, address: str, folder: Path
 ) -> None:

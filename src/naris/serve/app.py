@@ -16,9 +16,22 @@ from PIL import Image
 
 from naris.core.pictures import check_array
 from naris.errors import ImageError, InputError, NarisError
-from naris.serve.viewer import FrameAsked, PoseTold, SlicesAsked, Viewer
+from naris.serve.viewer import FrameAsked, PoseTold, SlicesAsked, StrokeTold, Viewer
 
-_MODULES = ("steer", "inside", "outside", "flight", "room", "parcel", "keys", "strip", "slices", "shaders", "talk")
+_MODULES = (
+    "steer",
+    "inside",
+    "outside",
+    "flight",
+    "room",
+    "parcel",
+    "keys",
+    "strip",
+    "slices",
+    "shaders",
+    "talk",
+    "brush",
+)
 STATIC = {
     "": ("index.html", "text/html; charset=utf-8"),
     "steer.css": ("steer.css", "text/css; charset=utf-8"),
@@ -40,6 +53,7 @@ def application(viewer: Viewer) -> FastAPI:
     app.add_exception_handler(RequestValidationError, _unfit)
     _looking(app, viewer)
     _keyframes(app, viewer)
+    _painting(app, viewer)
     _believing(app, viewer)
     app.add_api_route("/{path:path}", _static, methods=["GET"], response_model=None)
     return app
@@ -93,6 +107,21 @@ def _keyframes(app: FastAPI, viewer: Viewer) -> None:
     app.add_api_route("/api/trajectory", trajectory, methods=["GET"], response_model=None)
     app.add_api_route("/api/simulate", work, methods=["GET"], response_model=None)
     app.add_api_route("/api/simulate", viewer.begin, methods=["POST"], response_model=None)
+
+
+def _painting(app: FastAPI, viewer: Viewer) -> None:
+    def paint(asked: StrokeTold) -> Response:
+        return Response(viewer.paint(asked), media_type=_BINARY)
+
+    def undo() -> Response:
+        return Response(viewer.unpaint(), media_type=_BINARY)
+
+    def save() -> JSONResponse:
+        return JSONResponse(viewer.save_regions())
+
+    app.add_api_route("/api/regions/paint", paint, methods=["POST"], response_model=None)
+    app.add_api_route("/api/regions/undo", undo, methods=["POST"], response_model=None)
+    app.add_api_route("/api/regions/save", save, methods=["POST"], response_model=None)
 
 
 def _believing(app: FastAPI, viewer: Viewer) -> None:

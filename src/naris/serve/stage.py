@@ -53,12 +53,11 @@ def surface_parcel(anatomy: Anatomy, regions: RegionSet | None) -> bytes:
     `normals` point out of the closed surface, `region` is that of the air in front of a corner.
     """
     vertices, normals = anatomy.vertices_mm, anatomy.vertex_normals
-    air = vertices + _side(anatomy) * _INTO_LUMEN_MM * normals
     arrays = {
         "vertices": vertices.astype(np.float32),
         "normals": normals.astype(np.float32),
         "faces": anatomy.faces.astype(np.uint32),
-        "region": _labels(regions, air),
+        "region": _labels(regions, _before_walls(anatomy)),
     }
     for number, passage in enumerate(anatomy.passages):
         arrays[f"passage{number}"] = passage.points_mm.astype(np.float32)
@@ -75,10 +74,7 @@ def surface_parcel(anatomy: Anatomy, regions: RegionSet | None) -> bytes:
             for name, colour in zip(names, region_colours(names), strict=True)
         ],
         "regionSet": None if regions is None else regions.name,
-        "places": [
-            {"name": one.name, "kind": one.kind, "pose": one.anatomy_T_camera.matrix.tolist()}
-            for one in places(anatomy, regions)
-        ],
+        "places": _told(places(anatomy, regions)),
         "missing": missing(anatomy, regions),
     }
     return parcel(arrays, about)
@@ -98,6 +94,14 @@ def room_parcel(anatomy: Anatomy, regions: RegionSet | None) -> bytes:
         "nowhere": NOWHERE,
     }
     return parcel({"distance": np.rint(steps).astype(np.int16), "region": _labels(regions, nodes)}, about)
+
+
+def regions_parcel(anatomy: Anatomy, regions: RegionSet, about: dict[str, Any]) -> bytes:
+    """The regions alone, as they are in the parcels of the surface and the room, and where each may be entered."""
+    nodes = lumen_distance(anatomy).nodes_mm
+    grid = np.stack(np.meshgrid(*(axis[::_STRIDE] for axis in nodes), indexing="ij"), axis=-1)
+    arrays = {"surface": _labels(regions, _before_walls(anatomy)), "room": _labels(regions, grid)}
+    return parcel(arrays, {**about, "places": _told(places(anatomy, regions))})
 
 
 def look_parcel(look: Appearance = ENDOSCOPE) -> bytes:
@@ -185,6 +189,15 @@ def start_pose(anatomy: Anatomy) -> Pose:
     node = np.unravel_index(int(np.argmax(distance.values_mm)), distance.values_mm.shape)
     place = distance.origin_mm + distance.spacing_mm * np.array(node, dtype=np.float64)
     return _looking(anatomy, place, np.array([0.0, 1.0, 0.0]))
+
+
+def _told(places: list[Place]) -> list[dict[str, Any]]:
+    return [{"name": one.name, "kind": one.kind, "pose": one.anatomy_T_camera.matrix.tolist()} for one in places]
+
+
+def _before_walls(anatomy: Anatomy) -> Float[np.ndarray, "v 3"]:
+    """The air in front of each corner of the surface."""
+    return anatomy.vertices_mm + _side(anatomy) * _INTO_LUMEN_MM * anatomy.vertex_normals
 
 
 def _side(anatomy: Anatomy) -> float:

@@ -27,7 +27,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.core.progress import Progress
 from naris.core.results import Prediction
-from naris.errors import InputError, KeyframeError, NarisError, PoseError
+from naris.errors import InputError, KeyframeError, NarisError, PoseError, RegionError
 from naris.render.appearance import ENDOSCOPE
 from naris.render.keyframes import (
     Keyframe,
@@ -39,10 +39,12 @@ from naris.render.keyframes import (
     write_original_keyframes,
 )
 from naris.render.scene import Scene, render
+from naris.serve.brush import Brush
 from naris.serve.slices import Slices
-from naris.serve.stage import look_parcel, room_parcel, start_pose, steady, surface_parcel
+from naris.serve.stage import look_parcel, regions_parcel, room_parcel, start_pose, steady, surface_parcel
 
 _MOST_PX = 2048
+_MOST_DABS = 2000
 _ORIGINAL = ".txt"
 
 Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
@@ -70,6 +72,15 @@ class SlicesAsked(BaseModel):
     size: int = Field(240, ge=32, le=800)
     level: float = Field(0.0, ge=-2000, le=5000)
     width: float = Field(2500.0, ge=1, le=10_000)
+
+
+class StrokeTold(BaseModel):
+    """A stroke of the brush: a region, by its number, around places (mm)."""
+
+    model_config = ConfigDict(extra="forbid")
+    region: int
+    radius_mm: float = Field(3.0, gt=0.2, le=20)
+    points: list[tuple[float, float, float]] = Field(max_length=_MOST_DABS)
 
 
 class PoseTold(BaseModel):
@@ -152,6 +163,7 @@ class Viewer:
     slices: Slices | None = None
     work: Work = field(default_factory=Work)
     _kept: Keyframes | None = None
+    _brush: Brush | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -217,6 +229,46 @@ class Viewer:
         if numbers.shape != (4, 4):
             raise PoseError("a pose of 4×4 numbers", "another shape", "send anatomy_T_camera row by row")
         return Pose(numbers, self.anatomy.frame, CAMERA)
+
+    # --- regions that are painted -----------------------------------------------------------------------------------
+
+    def paint(self, asked: StrokeTold) -> bytes:
+        """A stroke of the brush; the regions as they are then.
+
+        Raises:
+            RegionError: if there are no regions, or none of that number.
+        """
+        with self._lock:
+            brush = self._brushed()
+            return self._repainted(brush.state(brush.paint(asked.region, asked.radius_mm, asked.points)))
+
+    def unpaint(self) -> bytes:
+        """Takes the last stroke back; the regions as they are then."""
+        with self._lock:
+            brush = self._brushed()
+            return self._repainted(brush.state(brush.undo()))
+
+    def save_regions(self) -> dict[str, Any]:
+        """Writes the painted set beside the keyframes."""
+        with self._lock:
+            brush = self._brushed()
+            return brush.state(0, brush.save(self.keyframes.parent).name)
+
+    def _brushed(self) -> Brush:
+        if self.regions is None:
+            raise RegionError("regions to paint", "an anatomy without any", "start naris steer with --regions slabs")
+        if self._brush is None:
+            self._brush = Brush(self.anatomy, self.regions)
+        return self._brush
+
+    def _repainted(self, about: dict[str, Any]) -> bytes:
+        if self._brush is None:
+            raise AssertionError("regions without a brush")
+        with self._making:
+            self.regions = self._brush.regions
+            for name in ("surface", "room"):
+                self._made.pop(name, None)
+        return regions_parcel(self.anatomy, self.regions, about)
 
     # --- what a model says ------------------------------------------------------------------------------------------
 

@@ -42,6 +42,8 @@ export const COMMANDS = {
   KeyU: { name: "undo", says: "back to where you were before the last jump" },
   KeyF: { name: "exact", says: "the exact picture of naris beside this one" },
   KeyP: { name: "play", says: "play the trajectory, or stop" },
+  KeyB: { name: "brush", says: "paint regions, or not" },
+  KeyV: { name: "dab", says: "while painting: paint where the scope looks" },
   KeyG: { name: "through", says: "through walls, or not" },
   Home: { name: "home", says: "to the start" },
   Digit1: { name: "optics0", says: "optics of 0°" },
@@ -112,7 +114,7 @@ export function help(profile) {
   const rows = Object.entries(steering).map(([code, { says }]) => [label(code), says]);
   rows.push(profile === "wasd" ? ["Shift", "three times as fast"] : ["Shift", "turns 22.5 times as far"]);
   for (const [code, { says }] of Object.entries(COMMANDS)) rows.push([label(code), says]);
-  rows.push(["drag", "look around"], ["wheel", "insert, withdraw"], ["click", "into the region that was clicked"]);
+  rows.push(["drag", "look around"], ["wheel", "insert, withdraw"], ["click", "into the region that was clicked"], ["drag while painting", "paints; with Shift it turns"]);
   return rows;
 }
 

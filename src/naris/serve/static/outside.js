@@ -33,6 +33,7 @@ export class Outside {
     this.ghosts = new THREE.Group();
     this.scene.add(this.marks, this.ghosts);
     this.ray = new THREE.Raycaster();
+    this.brush = null; // what a drag does instead of turning, while regions are painted
     this.#listen(canvas);
   }
 
@@ -87,12 +88,14 @@ export class Outside {
     }
   }
 
-  /** The number of the corner of the wall that a click (−1 … 1, right and up) meets first; null beside it. */
-  hit(x, y) {
+  /** What a click meets first: the number of a `corner` of the wall, and the `place` on it (mm); null beside it. */
+  hit(event) {
+    const box = this.renderer.domElement.getBoundingClientRect();
+    const x = (2 * (event.clientX - box.left)) / box.width - 1, y = 1 - (2 * (event.clientY - box.top)) / box.height;
     this.#stand();
     this.ray.setFromCamera(new THREE.Vector2(x, y), this.camera);
     const [first] = this.ray.intersectObject(this.mesh, false);
-    return first ? first.face.a : null;
+    return first ? { corner: first.face.a, place: first.point.toArray() } : null;
   }
 
   #stand() {
@@ -135,22 +138,35 @@ export class Outside {
   }
 
   #listen(canvas) {
-    let from = null;
+    let from = null, isPainting = false;
     this.dragged = 0;
     canvas.addEventListener("pointerdown", (event) => {
+      const met = this.brush && !event.shiftKey && this.hit(event);
+      if (met) {
+        isPainting = true;
+        this.brush.begin(met.place);
+        canvas.setPointerCapture(event.pointerId);
+        return;
+      }
       from = [event.clientX, event.clientY];
       this.dragged = 0;
       canvas.setPointerCapture(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
+      if (isPainting) return this.brush?.move(this.hit(event)?.place);
       if (!from) return;
       const by = [event.clientX - from[0], event.clientY - from[1]];
       from = [event.clientX, event.clientY];
       this.dragged += Math.abs(by[0]) + Math.abs(by[1]);
       this.orbit(by[0] * TURN_PER_PX, by[1] * TURN_PER_PX);
     });
-    canvas.addEventListener("pointerup", () => (from = null));
-    canvas.addEventListener("pointercancel", () => (from = null));
+    for (const kind of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(kind, () => {
+        if (isPainting) this.brush?.end();
+        isPainting = false;
+        from = null;
+      });
+    }
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       this.zoom(ZOOM_PER_STEP ** (event.deltaY / WHEEL_PX));

@@ -8,11 +8,12 @@ import { help, Keys, PROFILES } from "./keys.js";
 import { geometryOf, Inside, paletteOf } from "./inside.js";
 import { Outside } from "./outside.js";
 import { Slices } from "./slices.js";
+import { Brush } from "./brush.js";
 import { button, Strip } from "./strip.js";
 
 const $ = (id) => document.getElementById(id);
 const STILL_MS = 250, LONGEST_S = 0.1, DRAG_RAD_PER_PX = 0.004, WHEEL_MM = 0.6, WHEEL_PX = 100, FLY_MS = 350;
-const PLAY_MM_S = 8, HASTE = 3, SLOW_MS = 45, QUICK_MS = 22, LEAST_RATIO = 0.3, OUTSIDE_MS = 500, EXACT_PX = 640, SAY_MS = 6000, WATCH_MS = 2000, DEAD_ZONE = 0.15;
+const PLAY_MM_S = 8, HASTE = 3, SLOW_MS = 45, QUICK_MS = 22, LEAST_RATIO = 0.3, OUTSIDE_MS = 500, EXACT_PX = 640, PAINT_TINT = 50, SAY_MS = 6000, WATCH_MS = 2000, DEAD_ZONE = 0.15;
 
 const state = {
   fov: 70, playing: null, flying: null, exact: false, stillSince: 0, wasTold: false, lastDraw: 0, drawn: 0, marks: 0,
@@ -42,6 +43,7 @@ async function begin() {
   const room = new Room(await binary("/api/parcel/room"));
   const flight = new Flight(room, bookmarked(start.digest) ?? start.pose);
   const page = { start, surface, about, inside, outside, room, flight, keys: new Keys(), slices: null };
+  page.brush = new Brush(surface, geometry, room, (said) => repainted(page, said), complain);
   if (start.hasSlices) page.slices = new Slices($("slices-canvas"), complain);
   page.strip = new Strip($("strip"), {
     pose: () => flight.pose,
@@ -246,16 +248,10 @@ function bookmarked(digest) {
 
 function controls(page) {
   const { flight, keys, about, inside } = page;
-  const places = about.places;
-  $("places").replaceChildren(...[{ name: "the start", pose: page.start.pose }, ...places].map(({ name, kind }, k) => {
-    const option = document.createElement("option");
-    option.value = k;
-    option.textContent = kind === "region" ? `${name} (region)` : name;
-    return option;
-  }));
+  listPlaces(page);
   $("places").addEventListener("change", (event) => {
     const k = Number(event.target.value);
-    fly(page, k ? places[k - 1].pose : page.start.pose);
+    fly(page, k ? about.places[k - 1].pose : page.start.pose);
     $("inside-canvas").focus();
   });
   $("regions").replaceChildren(...about.regions.map((one, number) => regionItem(page, one, number)));
@@ -271,6 +267,12 @@ function controls(page) {
       $("through").checked = flight.throughWalls = !flight.throughWalls;
     },
     home: () => fly(page, page.start.pose),
+    brush: () => painting(page),
+    dab: () => {
+      if (!page.brush.isOn) return say("press B first to paint", true);
+      page.brush.begin(wallInside(page, [0, 0, 1]).place);
+      page.brush.end();
+    },
     help: () => showHelp(keys.profile),
     ...Object.fromEntries([0, 30, 45, 70].map((angle) => [`optics${angle}`, () => {
       $("optics").value = String(angle);
@@ -303,10 +305,11 @@ function controls(page) {
   slider("span", "span-out", (v) => `${v} mm`, (v) => page.slices?.set("span_mm", v));
   slider("level", "level-out", (v) => `${v} HU`, (v) => page.slices?.set("level", v));
   slider("window", "window-out", (v) => `${v} HU`, (v) => page.slices?.set("width", v));
+  slider("brush-radius", "brush-radius-out", (v) => `${v} mm`, (v) => (page.brush.radius = v));
   slider("post", "post-out", (v) => `${v}°`, () => optics(flight));
   $("optics").addEventListener("change", () => optics(flight));
   $("through").addEventListener("change", () => (flight.throughWalls = $("through").checked));
-  for (const [id, name] of [["save", "save"], ["undo", "undo"], ["exact-button", "exact"], ["play", "play"], ["help-button", "help"]]) {
+  for (const [id, name] of [["save", "save"], ["undo", "undo"], ["exact-button", "exact"], ["play", "play"], ["brush", "brush"], ["help-button", "help"]]) {
     $(id).addEventListener("click", commands[name]);
   }
   $("help-close").addEventListener("click", () => $("help").close());
@@ -319,6 +322,11 @@ function controls(page) {
   for (const [id, kind, name] of [["export-json", "json", "keyframes.json"], ["export-original", "original", "keyframes.zip"]]) {
     $(id).addEventListener("click", () => exported(page, kind, name));
   }
+  $("brush-row").hidden = !about.regions.length;
+  $("brush-region").replaceChildren(...about.regions.map(({ name }, k) => new Option(name, k)));
+  $("brush-region").addEventListener("change", () => (page.brush.region = Number($("brush-region").value)));
+  $("brush-undo").addEventListener("click", () => page.brush.undo());
+  $("brush-save").addEventListener("click", () => saveRegions(page));
   $("simulate-row").hidden = !page.start.hasSimulate;
   $("simulate").addEventListener("click", () => simulate(page));
   document.addEventListener("keydown", (event) => {
@@ -330,6 +338,11 @@ function controls(page) {
     keys.haste = event.shiftKey;
   });
   addEventListener("blur", () => keys.releaseAll());
+}
+
+function listPlaces(page) {
+  const all = [{ name: "the start" }, ...page.about.places];
+  $("places").replaceChildren(...all.map(({ name, kind }, k) => new Option(kind === "region" ? `${name} (region)` : name, k)));
 }
 
 function isTyping(element) {
@@ -378,6 +391,40 @@ function flyInto(page, number) {
   else say(name === undefined ? "there is no region" : `no passage leads into ${name}`, true);
 }
 
+// --- painting regions -----------------------------------------------------------------------------------------------
+
+function painting(page) {
+  const { brush, outside } = page;
+  if (!page.about.regions.length) return say("this anatomy has no regions to paint: start naris steer with --regions slabs", true);
+  brush.isOn = !brush.isOn;
+  outside.brush = brush.isOn ? brush : null;
+  $("brush").setAttribute("aria-pressed", String(brush.isOn));
+  $("brush-controls").hidden = !brush.isOn;
+  if (!brush.isOn || Number($("tint").value) >= PAINT_TINT) return;
+  $("tint").value = String(PAINT_TINT); // one must see what one paints
+  $("tint").dispatchEvent(new Event("input"));
+}
+
+/** The regions are others: where they are entered, and what is drawn, too. */
+function repainted(page, said) {
+  page.about.places.splice(0, Infinity, ...said.places);
+  listPlaces(page);
+  $("brush-undo").disabled = said.undoable === 0;
+  $("brush-save").disabled = false;
+  state.look++;
+  state.marks++;
+  told(page, page.flight.pose);
+}
+
+async function saveRegions(page) {
+  try {
+    const file = await page.brush.save();
+    say(`${file}, beside the keyframes: give it as --regions`);
+  } catch (error) {
+    complain(error);
+  }
+}
+
 function showHelp(profile) {
   $("help-table").replaceChildren(...help(profile).map((row) => {
     const line = document.createElement("tr");
@@ -410,10 +457,12 @@ function complain(error) {
 
 function pointers(page) {
   const canvas = $("inside-canvas"), { flight, outside } = page;
-  const fingers = new Map();
-  let dragged = 0;
+  const fingers = new Map(), { brush } = page;
+  let dragged = 0, isPainting = false;
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
+    isPainting = brush.isOn && !event.shiftKey;
+    if (isPainting) brush.begin(wallInside(page, rayOf(event)).place);
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
     dragged = 0;
     canvas.focus();
@@ -425,26 +474,30 @@ function pointers(page) {
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
     const by = [event.clientX - last[0], event.clientY - last[1]];
     dragged += Math.abs(by[0]) + Math.abs(by[1]);
-    if (fingers.size === 2) flight.move([0, 0, (pinch(fingers) - spread) * 0.05]);
+    if (isPainting) brush.move(wallInside(page, rayOf(event)).place);
+    else if (fingers.size === 2) flight.move([0, 0, (pinch(fingers) - spread) * 0.05]);
     else flight.turn([by[1] * DRAG_RAD_PER_PX, -by[0] * DRAG_RAD_PER_PX, 0]);
   });
   for (const kind of ["pointerup", "pointercancel"]) {
-    canvas.addEventListener(kind, (event) => fingers.delete(event.pointerId));
+    canvas.addEventListener(kind, (event) => {
+      fingers.delete(event.pointerId);
+      if (isPainting) brush.end();
+      isPainting = false;
+    });
   }
   canvas.addEventListener("click", (event) => {
-    if (dragged < 4) clickedInside(page, event);
+    if (dragged >= 4 || brush.isOn) return;
+    const { label } = wallInside(page, rayOf(event));
+    if (label >= 0) flyInto(page, label);
   });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
     flight.move([0, 0, (-WHEEL_MM * event.deltaY) / WHEEL_PX]);
   }, { passive: false });
   $("outside-canvas").addEventListener("click", (event) => {
-    if (outside.dragged >= 4) return;
-    const box = $("outside-canvas").getBoundingClientRect();
-    const corner = outside.hit(
-      (2 * (event.clientX - box.left)) / box.width - 1, 1 - (2 * (event.clientY - box.top)) / box.height,
-    );
-    if (corner !== null) intoRegionOf(page, page.surface.arrays.region[corner]);
+    if (outside.dragged >= 4 || brush.isOn) return;
+    const met = outside.hit(event);
+    if (met) intoRegionOf(page, page.surface.arrays.region[met.corner]);
   });
 }
 
@@ -459,11 +512,16 @@ function intoRegionOf(page, label) {
   else say("that wall is of no region", true);
 }
 
-/** The region in which a ray through the click ends: marched through the distances, as far as there is air. */
-function clickedInside(page, event) {
-  const box = $("inside-canvas").getBoundingClientRect(), pose = page.flight.pose;
+/** The ray of a click in the inside view, in the camera. */
+function rayOf(event) {
+  const box = $("inside-canvas").getBoundingClientRect();
   const scale = (2 * Math.tan((state.fov * Math.PI) / 360)) / box.height;
-  const ray = [(event.clientX - box.left - box.width / 2) * scale, (event.clientY - box.top - box.height / 2) * scale, 1];
+  return [(event.clientX - box.left - box.width / 2) * scale, (event.clientY - box.top - box.height / 2) * scale, 1];
+}
+
+/** Where a ray of the camera meets the wall, and in which region: marched through the distances, as far as there is air. */
+function wallInside(page, ray) {
+  const pose = page.flight.pose;
   const length = Math.hypot(...ray);
   const way = [0, 1, 2].map((i) => (pose[i][0] * ray[0] + pose[i][1] * ray[1] + pose[i][2] * ray[2]) / length);
   let label = -1, far = 0;
@@ -475,7 +533,7 @@ function clickedInside(page, event) {
     if (free < 0.15) break;
     far += Math.max(free * 0.9, 0.1);
   }
-  if (label >= 0) flyInto(page, label);
+  return { label, place: page.flight.position.map((one, axis) => one + far * way[axis]) };
 }
 
 function gamepad(wish) {
