@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from skimage.metrics import structural_similarity
 
 from naris.anatomy.folder import save_anatomy
 from naris.bench.browser import chromium, missing_browser, opened, shown, sized, steering, until
-from naris.core.camera import Intrinsics
+from naris.core.camera import Brown, Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.dataset.read import Dataset
 from naris.render.keyframes import read_keyframes
@@ -148,6 +149,31 @@ def test_the_page_shows_what_our_renderer_does(run: Callable[..., Any], browser:
         ours = render(scene, pose, camera, steady(), want=("rgb",)).rgb
         assert ours is not None
         assert alike(shown(browser, matrix, 70.0, 200), ours[0]) > 0.98
+
+
+@pytest.mark.parametrize("shape", [(200, 200), (266, 150)])
+def test_a_lens_that_bends_shows_what_our_renderer_does_with_it(
+    run: Callable[..., Any], browser: Any, shape: tuple[int, int]
+) -> None:
+    nose = simulated_head.nose()
+    width, height = shape
+    barrel, fov_deg = 0.1, 75.0
+    up, corner = np.tan(np.deg2rad(fov_deg / 2)), 1 + (width / height) ** 2
+    # k1 is such that at the corner, as it is bent, k1·r² = −barrel.
+    k1 = brentq(lambda k: -k * corner * (up * (1 + k * up * up)) ** 2 - barrel, -0.2 / up**2, 0)
+    camera = Intrinsics.from_vertical_fov(width, height, fov_deg, Brown(k1))
+    matrix = run("return naris.page.about.places[1].pose")
+    ours = render(Scene(nose), Pose(np.array([matrix]), nose.frame, CAMERA), camera, steady(), want=("rgb",)).rgb
+    assert ours is not None
+    try:
+        run(f"naris.page.inside.barrel = {barrel}")
+        told = run(f"return naris.lens({barrel}, {fov_deg}, {width / height}).k1")
+        bent = shown(browser, matrix, fov_deg, width, height)
+    finally:
+        run("naris.page.inside.barrel = 0")
+    assert told == pytest.approx(k1, rel=1e-6)
+    straight = shown(browser, matrix, fov_deg, width, height)
+    assert alike(bent, ours[0]) > 0.97 > alike(straight, ours[0]) + 0.02  # it is the lens that makes them alike
 
 
 def test_a_click_on_a_region_arrives_in_it(run: Callable[..., Any], browser: Any) -> None:

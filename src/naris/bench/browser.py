@@ -132,8 +132,10 @@ def until(true: Callable[[], object], step_s: float = 0.1) -> None:
         time.sleep(step_s)
 
 
-def shown(driver: Chrome, pose: list[list[float]], fov_deg: float, size: int) -> UInt8[np.ndarray, "{size} {size} 3"]:
-    """What the page draws at a pose, in pixels of a size of its own."""
-    script = "return naris.picture(arguments[0], arguments[1], arguments[2], arguments[2])"
-    url = str(driver.execute_script(script, pose, fov_deg, size))
+def shown(
+    driver: Chrome, pose: list[list[float]], fov_deg: float, width: int, height: int | None = None
+) -> UInt8[np.ndarray, "h w 3"]:
+    """What the page draws at a pose, in pixels of a size of its own, square unless a height is given."""
+    script = "return naris.picture(arguments[0], arguments[1], arguments[2], arguments[3])"
+    url = str(driver.execute_script(script, pose, fov_deg, width, height or width))
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(url.split(",")[1]))).convert("RGB"))

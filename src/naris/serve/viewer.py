@@ -23,7 +23,7 @@ from jaxtyping import UInt8
 from pydantic import BaseModel, ConfigDict, Field
 
 from naris.core.anatomy import Anatomy, RegionSet
-from naris.core.camera import Intrinsics
+from naris.core.camera import Brown, Intrinsics, Pinhole
 from naris.core.pose import CAMERA, Pose
 from naris.core.progress import Progress
 from naris.core.results import Prediction
@@ -58,6 +58,7 @@ class FrameAsked(BaseModel):
     model_config = ConfigDict(extra="forbid")
     pose: list[list[float]]
     fov_deg: float = Field(45.0, ge=5, le=140)
+    k1: float = Field(0.0, ge=-4, le=0)
     width: int = Field(300, ge=16, le=_MOST_PX)
     height: int = Field(300, ge=16, le=_MOST_PX)
     steady: bool = True
@@ -204,7 +205,8 @@ class Viewer:
         Raises:
             PoseError: if the pose is none.
         """
-        camera = Intrinsics.from_vertical_fov(asked.width, asked.height, asked.fov_deg)
+        lens = Brown(asked.k1) if asked.k1 else Pinhole()
+        camera = Intrinsics.from_vertical_fov(asked.width, asked.height, asked.fov_deg, lens)
         return self._rendered(self._pose(asked.pose), camera, asked.steady)
 
     def sliced(self, asked: SlicesAsked) -> UInt8[np.ndarray, "h w 3"]:

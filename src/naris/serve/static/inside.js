@@ -1,7 +1,7 @@
 // What the scope sees: the wall drawn with the look of naris, exposed and developed as its sensor does.
 
 import * as THREE from "./vendor/three.module.min.js";
-import { COPY_FRAGMENT, DEVELOP_FRAGMENT, SCREEN_VERTEX, WALL_FRAGMENT, WALL_VERTEX } from "./shaders.js";
+import { BEND_FRAGMENT, COPY_FRAGMENT, DEVELOP_FRAGMENT, SCREEN_VERTEX, WALL_FRAGMENT, WALL_VERTEX } from "./shaders.js";
 
 const METER_PX = 48;
 const LUMINANCE = [0.3, 0.59, 0.11];
@@ -52,6 +52,10 @@ export class Inside {
     this.light = new THREE.WebGLRenderTarget(2, 2, {
       type: THREE.HalfFloatType, minFilter: THREE.NearestFilter, magFilter: THREE.NearestFilter,
     });
+    this.wide = new THREE.WebGLRenderTarget(2, 2, {
+      type: THREE.HalfFloatType, minFilter: THREE.LinearFilter, magFilter: THREE.LinearFilter,
+    });
+    this.barrel = 0;
     this.meter = new THREE.WebGLRenderTarget(METER_PX, METER_PX, {
       type: THREE.FloatType, depthBuffer: false, minFilter: THREE.NearestFilter, magFilter: THREE.NearestFilter,
     });
@@ -62,6 +66,10 @@ export class Inside {
       tone: { value: tone },
       gain: { value: new THREE.Vector3(1, 1, 1) },
       toneReach: { value: about.toneReach },
+    });
+    this.bend = screenMaterial(BEND_FRAGMENT, {
+      light: { value: this.wide.texture }, reach: { value: new THREE.Vector2() }, edge: { value: new THREE.Vector2() },
+      k1: { value: 0 }, vignette: { value: about.vignette },
     });
     this.copy = screenMaterial(COPY_FRAGMENT, { light: { value: this.light.texture } });
     const flat = new THREE.BufferGeometry();
@@ -85,7 +93,9 @@ export class Inside {
   draw(pose, fovDeg) {
     const [w, h] = this.size;
     const u = this.wall.uniforms, about = this.look;
-    this.camera.fov = fovDeg;
+    const lens = this.barrel > 0 ? lensOf(this.barrel, fovDeg, w / h) : null;
+    if (lens) this.wide.setSize(Math.ceil(w * lens.wider), Math.ceil(h * lens.wider));
+    this.camera.fov = lens ? (360 / Math.PI) * Math.atan(lens.edge[1]) : fovDeg;
     this.camera.aspect = w / h;
     this.camera.updateProjectionMatrix();
     setCamera(this.camera, pose);
@@ -95,11 +105,19 @@ export class Inside {
     u.lamp.value.copy(at(about.light_x, about.light_y, about.light_z));
     u.axis.value.set(pose[0][2], pose[1][2], pose[2][2]);
     u.size.value.set(w, h);
-    u.perPixel.value = (2 * Math.tan((fovDeg * Math.PI) / 360)) / h;
-    this.renderer.setRenderTarget(this.light);
+    u.perPixel.value = (2 * (lens ? lens.reach[1] : Math.tan((fovDeg * Math.PI) / 360))) / h;
+    u.vignette.value = lens ? 0 : about.vignette;
+    this.renderer.setRenderTarget(lens ? this.wide : this.light);
     this.renderer.setClearColor(0x000000, 1);
     this.renderer.clear();
     this.renderer.render(this.scene, this.camera);
+    if (lens) {
+      const bend = this.bend.uniforms;
+      bend.k1.value = lens.k1;
+      bend.reach.value.set(...lens.reach);
+      bend.edge.value.set(...lens.edge);
+      this.#pass(this.bend, this.light);
+    }
     const gain = this.#gain();
     this.develop.uniforms.gain.value.set(about.balance_r, about.balance_g, about.balance_b).multiplyScalar(gain);
     this.#pass(this.develop, null);
@@ -135,6 +153,28 @@ export class Inside {
     const automatic = Math.min(Math.max(about.target / Math.max(level, 1e-9), about.gain_low), about.gain_high);
     return about.gain * automatic ** about.auto * this.exposure;
   }
+}
+
+/**
+ * A lens that bends by `barrel` (k1 times the square of the way to the corner, below 4/27) and sees `fovDeg` upwards.
+ *
+ * `reach` are the tangents of half the picture as the lens bends them, `edge` those without it at the corner, and a
+ * picture that is bent must be `wider` by their ratio.
+ */
+export function lensOf(barrel, fovDeg, aspect) {
+  const up = Math.tan((fovDeg * Math.PI) / 360), corner = 1 + aspect * aspect;
+  let share = 0; // k1 · up²
+  for (let i = 0; i < 60; i++) share = -barrel / (corner * (1 + share) ** 2);
+  const k1 = share / (up * up), high = up * (1 + share), to = high * Math.sqrt(corner);
+  const wider = straightened(to, k1) / to;
+  return { k1, reach: [high * aspect, high], edge: [high * aspect * wider, high * wider], wider };
+}
+
+/** The way from the axis that a lens bends to `to`. */
+export function straightened(to, k1) {
+  let r = to;
+  for (let i = 0; i < 12; i++) r -= (r * (1 + k1 * r * r) - to) / (1 + 3 * k1 * r * r);
+  return r;
 }
 
 /** Puts a camera of three.js (y up, looking along −z) where a pose of ours (y down, along +z) is. */

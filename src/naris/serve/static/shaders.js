@@ -130,6 +130,26 @@ void main() {
   grey = vec4(toned(x.r), toned(x.g), toned(x.b), 1.0);
 }`;
 
+/** From a picture without distortion to one by a lens (Brown, k1 alone), by the inverse of what the lens does. */
+export const BEND_FRAGMENT = /* glsl */ `
+precision highp float;
+in vec2 at;
+out vec4 bent;
+uniform sampler2D light;
+uniform vec2 reach;       // the tangents of half the picture, as the lens bends them
+uniform vec2 edge;        // those of half the picture that is bent
+uniform float k1, vignette;
+void main() {
+  vec2 xy = 2.0 * at - 1.0, bentAt = xy * reach;
+  float to = length(bentAt), r = to;
+  for (int i = 0; i < 8; i++) r -= (r * (1.0 + k1 * r * r) - to) / (1.0 + 3.0 * k1 * r * r);
+  vec2 straight = to > 0.0 ? bentAt * (r / to) : bentAt;
+  float aspect = reach.x / reach.y;
+  vec2 off = xy * vec2(aspect, 1.0);
+  float open = max(1.0 - vignette * dot(off, off) / (1.0 + aspect * aspect), 0.0);
+  bent = texture(light, 0.5 + 0.5 * straight / edge) * open;
+}`;
+
 /** The light itself, for the meter to read. */
 export const COPY_FRAGMENT = /* glsl */ `
 precision highp float;

@@ -5,7 +5,7 @@ import { ask, askJson, askPicture, Latest, onConnection, Refused, sendFile } fro
 import { Room } from "./room.js";
 import { between, Flight, project } from "./flight.js";
 import { help, Keys, PROFILES } from "./keys.js";
-import { geometryOf, Inside, paletteOf } from "./inside.js";
+import { geometryOf, Inside, lensOf, paletteOf, straightened } from "./inside.js";
 import { Outside } from "./outside.js";
 import { Slices } from "./slices.js";
 import { Brush } from "./brush.js";
@@ -299,6 +299,7 @@ function controls(page) {
     $("inside-canvas").focus();
   });
   slider("fov", "fov-out", (v) => `${v}°`, (v) => (state.fov = v));
+  slider("barrel", "barrel-out", (v) => `${v} %`, (v) => (inside.barrel = v / 100));
   slider("light", "light-out", (v) => `${(2 ** v).toFixed(1)}×`, (v) => (inside.brightness = 2 ** v));
   slider("tint", "tint-out", (v) => `${v} %`, (v) => (inside.tint = v / 100));
   for (const id of ["slices", "slices-controls"]) $(id).hidden = page.slices === null;
@@ -462,7 +463,7 @@ function pointers(page) {
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
     isPainting = brush.isOn && !event.shiftKey;
-    if (isPainting) brush.begin(wallInside(page, rayOf(event)).place);
+    if (isPainting) brush.begin(wallInside(page, rayOf(page, event)).place);
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
     dragged = 0;
     canvas.focus();
@@ -474,7 +475,7 @@ function pointers(page) {
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
     const by = [event.clientX - last[0], event.clientY - last[1]];
     dragged += Math.abs(by[0]) + Math.abs(by[1]);
-    if (isPainting) brush.move(wallInside(page, rayOf(event)).place);
+    if (isPainting) brush.move(wallInside(page, rayOf(page, event)).place);
     else if (fingers.size === 2) flight.move([0, 0, (pinch(fingers) - spread) * 0.05]);
     else flight.turn([by[1] * DRAG_RAD_PER_PX, -by[0] * DRAG_RAD_PER_PX, 0]);
   });
@@ -487,7 +488,7 @@ function pointers(page) {
   }
   canvas.addEventListener("click", (event) => {
     if (dragged >= 4 || brush.isOn) return;
-    const { label } = wallInside(page, rayOf(event));
+    const { label } = wallInside(page, rayOf(page, event));
     if (label >= 0) flyInto(page, label);
   });
   canvas.addEventListener("wheel", (event) => {
@@ -513,10 +514,12 @@ function intoRegionOf(page, label) {
 }
 
 /** The ray of a click in the inside view, in the camera. */
-function rayOf(event) {
+function rayOf(page, event) {
   const box = $("inside-canvas").getBoundingClientRect();
-  const scale = (2 * Math.tan((state.fov * Math.PI) / 360)) / box.height;
-  return [(event.clientX - box.left - box.width / 2) * scale, (event.clientY - box.top - box.height / 2) * scale, 1];
+  const lens = lensOf(page.inside.barrel, state.fov, box.width / box.height), scale = (2 * lens.reach[1]) / box.height;
+  const bent = [(event.clientX - box.left - box.width / 2) * scale, (event.clientY - box.top - box.height / 2) * scale];
+  const to = Math.hypot(...bent), by = to > 0 ? straightened(to, lens.k1) / to : 1;
+  return [bent[0] * by, bent[1] * by, 1];
 }
 
 /** Where a ray of the camera meets the wall, and in which region: marched through the distances, as far as there is air. */
@@ -561,7 +564,8 @@ function exact(page) {
 
 async function showExact(page, pose) {
   const [w, h] = page.inside.size, shrink = Math.min(EXACT_PX / Math.max(w, h), 1);
-  const asked = { pose, fov_deg: state.fov, width: Math.round(w * shrink), height: Math.round(h * shrink), steady: false };
+  const { k1 } = lensOf(page.inside.barrel, state.fov, w / h);
+  const asked = { pose, fov_deg: state.fov, k1, width: Math.round(w * shrink), height: Math.round(h * shrink), steady: false };
   try {
     const url = URL.createObjectURL(await askPicture("/api/frame", asked, drawing.next()));
     URL.revokeObjectURL($("exact-picture").src);
@@ -707,6 +711,7 @@ function expose(page) {
     pose: () => page.flight.pose,
     go: (pose) => page.flight.jump(pose),
     step: (seconds) => step(page, seconds, performance.now()),
+    lens: lensOf,
     project: (point) => project(page.flight.pose, point, state.fov),
     distance: () => page.room.distance(page.flight.position),
     region: () => page.room.region(page.flight.position),
