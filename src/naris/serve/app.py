@@ -31,6 +31,7 @@ _MODULES = (
     "shaders",
     "talk",
     "brush",
+    "video",
 )
 STATIC = {
     "": ("index.html", "text/html; charset=utf-8"),

@@ -9,6 +9,7 @@ import { geometryOf, Inside, lensOf, paletteOf, straightened } from "./inside.js
 import { Outside } from "./outside.js";
 import { Slices } from "./slices.js";
 import { Brush } from "./brush.js";
+import { Video, VIDEO } from "./video.js";
 import { button, Strip } from "./strip.js";
 
 const $ = (id) => document.getElementById(id);
@@ -21,7 +22,7 @@ const state = {
   keepUntil: 0, outsideAt: 0,
 };
 
-const drawing = new Latest(), believing = new Latest();
+const drawing = new Latest(), believing = new Latest(), locating = new Latest();
 
 /** Runs the page; what cannot be is said in it. */
 async function begin() {
@@ -56,6 +57,9 @@ async function begin() {
       state.marks++;
     },
   });
+  page.video = new Video($("video"), $("video-player"), $("video-name"),
+    (picture, name) => locate(page, picture, name).catch(complain), (sentence) => say(sentence, true));
+  $("video-close").addEventListener("click", () => page.video.close());
   controls(page);
   pointers(page);
   dropping(page);
@@ -608,7 +612,7 @@ async function takeAll(page, files) {
   for (const file of files) await take(page, file);
 }
 
-/** A file that was dropped or chosen: keyframes, or a picture for the model to locate. */
+/** A file that was dropped or chosen: keyframes, or a picture or video for the model to locate. */
 async function take(page, file) {
   try {
     if (/\.(json|txt)$/i.test(file.name)) {
@@ -617,18 +621,25 @@ async function take(page, file) {
       say(`${keyframes.length} keyframes from ${file.name}`);
       return;
     }
-    const said = await sendFile("/api/locate", file);
-    state.dropped = true; // what is said of a picture stays until one moves on
-    state.keepUntil = performance.now() + FLY_MS + STILL_MS;
-    believing.end();
-    showBelief(page, said);
-    showGhosts(page, said.hypotheses);
-    const best = said.probabilities.indexOf(Math.max(...said.probabilities));
-    say(`${file.name}: ${said.regions[best]} (${Math.round(100 * said.probabilities[best])} %)`);
-    if (said.hypotheses.length) fly(page, said.hypotheses[0].pose);
+    if (!page.start.hasModel) return say("expected a model to locate with, got none: start naris steer with --model", true);
+    if (file.type.startsWith("video/") || VIDEO.test(file.name)) page.video.open(file);
+    else await locate(page, file, file.name);
   } catch (error) {
     complain(error);
   }
+}
+
+/** Where the model believes that a picture is from: told, shown, and flown to. */
+async function locate(page, picture, name) {
+  const said = await sendFile("/api/locate", picture, locating.next());
+  state.dropped = true; // what is said of a picture stays until one moves on
+  state.keepUntil = performance.now() + FLY_MS + STILL_MS;
+  believing.end();
+  showBelief(page, said);
+  showGhosts(page, said.hypotheses);
+  const best = said.probabilities.indexOf(Math.max(...said.probabilities));
+  say(`${name}: ${said.regions[best]} (${Math.round(100 * said.probabilities[best])} %)`);
+  if (said.hypotheses.length) fly(page, said.hypotheses[0].pose);
 }
 
 /** What a model believes in: frustums in the outside view, and a button to fly to each. */
@@ -712,6 +723,7 @@ function expose(page) {
     go: (pose) => page.flight.jump(pose),
     step: (seconds) => step(page, seconds, performance.now()),
     lens: lensOf,
+    take: (file) => take(page, file),
     project: (point) => project(page.flight.pose, point, state.fov),
     distance: () => page.room.distance(page.flight.position),
     region: () => page.room.region(page.flight.position),

@@ -64,8 +64,8 @@ export async function askJson(path, method = "GET", body = undefined, signal = u
 }
 
 /** What a file comes to, sent as it is. */
-export async function sendFile(path, file) {
-  return ask(path, { method: "POST", body: file }, JSON_OF);
+export async function sendFile(path, file, signal = undefined) {
+  return ask(path, { method: "POST", body: file, signal }, JSON_OF);
 }
 
 /** A picture that the server makes, by what is asked of it. */
