@@ -1,4 +1,4 @@
-"""Draws `figures/viewer_….webp`: the page of `naris steer` at two sizes, light and dark.
+"""Draws `figures/viewer_….webp`: the page of `naris steer` at two sizes, light and dark, and with painted regions.
 
     python docs/make_viewer_pictures.py [CT ANATOMY]
 
@@ -42,6 +42,10 @@ def main(ct: Path | None = None, folder: Path | None = None) -> None:
                 sized(driver, width, height)
                 opened(driver, address)
                 picture(driver, FIGURES / f"viewer_{theme}.webp", theme, along(nose)[1].matrix, 0.35)
+            sized(driver, *SIZES["light"])
+            opened(driver, address)
+            painted(driver)
+            picture(driver, FIGURES / "viewer_painted.webp", "light", along(nose)[2].matrix, 0.6)
         if ct is not None and folder is not None:
             with steering([str(folder.resolve()), "--ct", str(ct.resolve())], Path(work) / "nose") as (address, _):
                 sized(driver, *SIZES["light"])
@@ -49,6 +53,20 @@ def main(ct: Path | None = None, folder: Path | None = None) -> None:
                 start = driver.execute_script("return naris.page.start.pose")
                 picture(driver, Path(work) / "ct.webp", "dark", np.array(start), 0.0)
                 Image.open(Path(work) / "ct.webp").save("out/viewer_ct.png")
+
+
+def painted(driver: Any) -> None:
+    """Brush in hand and a stroke on the wall ahead, under a lens that bends."""
+    driver.execute_script(
+        "const set = (id, value, kind) => { const one = document.getElementById(id); one.value = value;"
+        "one.dispatchEvent(new Event(kind)); };"
+        "document.getElementById('brush').click(); set('barrel', 10, 'input'); set('brush-radius', 3.5, 'input');"
+        "set('brush-region', 4, 'change'); naris.go(arguments[0]); const at = naris.pose(), {brush} = naris.page;"
+        "const ahead = k => [0, 1, 2].map(i => at[i][3] + 7 * at[i][2] + 1.2 * k * at[i][1]);"
+        "brush.begin(ahead(-4)); for (let k = -3; k <= 4; k++) brush.move(ahead(k)); brush.end()",
+        along(built_in_nose())[2].matrix.tolist(),
+    )
+    until(lambda: not driver.execute_script("return document.getElementById('brush-undo').disabled"))
 
 
 def along(nose: Anatomy) -> Pose:
