@@ -16,7 +16,7 @@ from naris.cli import main
 from tests.winding_tube import winding_tube
 
 LACKS = missing_browser()
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKS is not None, reason=f"needs {LACKS}")]
+pytestmark = [pytest.mark.long, pytest.mark.skipif(LACKS is not None, reason=f"needs {LACKS}")]
 
 # A second of a video of one picture, recorded in the page itself, and dropped on it.
 DROP_VIDEO = """
