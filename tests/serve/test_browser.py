@@ -200,7 +200,14 @@ def test_a_drag_in_the_brush_paints_the_wall_and_turns_nothing(
     was = browser.execute_script(f"return {painted}")
     assert was > 0
     canvas = browser.find_element("id", "inside-canvas")
-    ActionChains(browser).move_to_element(canvas).click_and_hold().move_by_offset(30, 10).release().perform()
+    drag = ActionChains(browser).move_to_element(canvas).click_and_hold().move_by_offset(30, 10)
+    drag.perform()
+    # It is shown while it is made, before anybody is asked.
+    shown_now = f"[...naris.page.inside.mesh.geometry.getAttribute('region').array].filter(r => r === {other}).length"
+    assert browser.execute_script(f"return {shown_now}") > was
+    assert browser.execute_script("return naris.state.strokes > naris.state.strokesDrawn")
+    assert browser.execute_script(f"return {painted}") == was
+    ActionChains(browser).release().perform()
     until(lambda: browser.execute_script(f"return {painted}") > was)
     np.testing.assert_allclose(browser.execute_script("return naris.pose()"), before, atol=1e-9)
     browser.find_element("id", "brush-save").click()

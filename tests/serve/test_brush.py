@@ -79,15 +79,16 @@ def test_strokes_are_taken_back_the_last_one_first(anatomy: Anatomy, brush: Brus
     for number in (was + 1, was + 2):
         assert brush.paint(number % 4, 3.0, [at.tolist(), (at + [0, 2, 0]).tolist()]) > 0
         states += [brush.regions.labels.copy()]
-    for expected in states[-2::-1]:
-        assert brush.undo() > 0
+    for strokes, expected in zip((2, 1), states[-2::-1], strict=True):
+        assert brush.undo(strokes) > 0
         np.testing.assert_array_equal(brush.regions.labels, expected)
-    assert brush.undo() == 0
+        assert brush.undo(strokes) == 0  # the same request again
+    assert brush.undo(0) == 0
 
 
 def test_strokes_far_away_and_regions_that_are_none(anatomy: Anatomy, brush: Brush) -> None:
     assert brush.paint(0, 3.0, [[1e6, 0.0, 0.0], [-1e6, 0.0, 0.0]]) == 0
-    assert brush.undo() == 0
+    assert brush.undo(0) == 0 and brush.is_saved
     with pytest.raises(RegionError, match="a region from 0 to 3, got 4"):
         brush.paint(4, 3.0, [middle(anatomy).tolist()])
 
@@ -107,16 +108,18 @@ def test_the_page_paints_and_what_it_saves_is_a_region_set(
     np.testing.assert_array_equal(unpacked(client.get("/api/parcel/room").content)[1]["region"], arrays["room"])
     assert surface[0]["places"] == about["places"]
     files = [client.post("/api/regions/save").json()["file"] for _ in range(2)]
-    assert files == ["regions-1.json", "regions-2.json"]
+    assert files == ["regions-1.json", "regions-1.json"] and viewer.painted_file() == tmp_path / files[0]
     saved = read_regions(tmp_path / files[0])
     assert isinstance(saved, GridRegions) and saved.frame == anatomy.frame and saved.label(at) == number
     assert saved.name != anatomy.region_set().name
     assert viewer.regions is not None
     np.testing.assert_array_equal(saved.label(anatomy.vertices_mm), viewer.regions.label(anatomy.vertices_mm))
-    undone = unpacked(client.post("/api/regions/undo").content)
+    assert client.get("/api/start").json()["undoable"] == 1
+    undone = unpacked(client.post("/api/regions/undo", json={"strokes": 1}).content)
     assert undone[0]["undoable"] == 0
-    again = unpacked(client.post("/api/regions/undo").content)
+    again = unpacked(client.post("/api/regions/undo", json={"strokes": 1}).content)
     assert again[0]["changed"] == 0
+    assert client.post("/api/regions/save").json()["file"] == "regions-2.json"
 
 
 @pytest.mark.parametrize(

@@ -193,7 +193,10 @@ def test_the_trajectory_is_that_of_simulate(client: TestClient, anatomy: Anatomy
 def test_pictures_along_the_keyframes_one_work_at_a_time(client: TestClient, viewer: Viewer, anatomy: Anatomy) -> None:
     begun, may_end = threading.Event(), threading.Event()
 
-    def simulate(keyframes: Path, folder: Path, per_position: int, step_mm: float, progress: Progress) -> int:
+    def simulate(
+        keyframes: Path, folder: Path, painted: Path | None, per_position: int, step_mm: float, progress: Progress
+    ) -> int:
+        assert painted is None
         with progress.task("pictures", 40) as advance:
             advance(10)
             begun.set()

@@ -77,7 +77,12 @@ def run(options: Options, console: Console) -> int:
             # From a thread: a browser in a terminal would keep the page from being served.
             threading.Thread(target=_open, args=(address, port, console), daemon=True).start()
 
-    serve(application(viewer), options.port, ready)
+    try:
+        serve(application(viewer), options.port, ready)
+    finally:
+        painted = viewer.painted_file()
+        if painted is not None:
+            console.log.warning("painted regions are in %s", painted)
     return 0
 
 
@@ -138,7 +143,9 @@ def _slices(options: Options, anatomy: Anatomy) -> Slices | None:
 
 
 def _simulate(options: Options) -> Simulate:
-    def simulate(keyframes: Path, folder: Path, per_position: int, step_mm: float, progress: Progress) -> int:
+    def simulate(
+        keyframes: Path, folder: Path, painted: Path | None, per_position: int, step_mm: float, progress: Progress
+    ) -> int:
         from naris.cli import simulate as verb
         from naris.cli import views
         from naris.dataset.generate import simulate as simulated
@@ -147,7 +154,7 @@ def _simulate(options: Options) -> Simulate:
             options.anatomy,
             folder,
             keyframes=keyframes,
-            regions=options.regions,
+            regions=options.regions if painted is None else str(painted),
             per_position=per_position,
             step_mm=step_mm,
         )

@@ -16,7 +16,7 @@ from PIL import Image
 
 from naris.core.pictures import check_array
 from naris.errors import ImageError, InputError, NarisError
-from naris.serve.viewer import FrameAsked, PoseTold, SlicesAsked, StrokeTold, Viewer
+from naris.serve.viewer import FrameAsked, PoseTold, SlicesAsked, StrokeTold, UndoTold, Viewer
 
 _MODULES = (
     "steer",
@@ -114,8 +114,8 @@ def _painting(app: FastAPI, viewer: Viewer) -> None:
     def paint(asked: StrokeTold) -> Response:
         return Response(viewer.paint(asked), media_type=_BINARY)
 
-    def undo() -> Response:
-        return Response(viewer.unpaint(), media_type=_BINARY)
+    def undo(asked: UndoTold) -> Response:
+        return Response(viewer.unpaint(asked), media_type=_BINARY)
 
     def save() -> JSONResponse:
         return JSONResponse(viewer.save_regions())

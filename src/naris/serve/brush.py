@@ -22,15 +22,16 @@ PAINTED = "painted"
 _REACH_MM = 1.0  # into the tissue that regions are told: what a wall is asked for lies before it
 _FAR_MM = 3.0  # from a voxel of air, a stroke paints nothing
 _MOST_UNDO = 50
-_VOXEL_MM, _MOST_VOXELS = 0.5, 16_000_000
+_VOXEL_MM, _MOST_VOXELS = 0.5, 20_000_000
 _TOUCHING = generate_binary_structure(3, 3)
 
 
 class Brush:
-    """A region set on a fine grid, and what was painted on it; where nothing was, it is what it was.
+    """A region set on a fine grid, and what was painted on it.
 
-    Slabs come to the grid of the distances of the anatomy, and their borders to its voxels. A stroke paints the air
-    that can be reached from it within its radius, and not what lies behind a wall.
+    Of a grid nothing else changes. Slabs come to the grid of the distances of the anatomy, their borders to its voxels,
+    and beyond it and deep in tissue there is no region. A stroke paints the air that can be reached from it within its
+    radius, and not what lies behind a wall.
     """
 
     def __init__(self, anatomy: Anatomy, regions: RegionSet) -> None:
@@ -45,11 +46,17 @@ class Brush:
             grid = distance.origin_mm, distance.spacing_mm
             self.regions = GridRegions(name, tuple(regions.names), anatomy.frame, labels, *grid)
             self._air = distance.values_mm > 0
+        self._saved: tuple[GridRegions, Path] | None = None
         self._before: list[tuple[Int[np.ndarray, "v"], Int[np.ndarray, "v"]]] = []
 
-    def state(self, changed: int, file: str = "") -> dict[str, Any]:
+    def state(self, changed: int = 0, file: str = "") -> dict[str, Any]:
         """What the page is told beside the regions: voxels that changed, strokes that can be taken back, and a file."""
         return {"changed": changed, "undoable": len(self._before), "file": file}
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether what is painted is in a file, or nothing is."""
+        return not self._before if self._saved is None else self._saved[0] is self.regions
 
     def paint(self, number: int, radius_mm: float, points_mm: Sequence[Sequence[float]]) -> int:
         """One stroke: the region of that number around each of the points; gives how many voxels changed.
@@ -73,9 +80,12 @@ class Brush:
             self.regions = replace(self.regions, labels=labels)
         return len(changed)
 
-    def undo(self) -> int:
-        """Takes the last stroke back; gives how many voxels changed, 0 where there is none."""
-        if not self._before:
+    def undo(self, strokes: int) -> int:
+        """Takes the last stroke back if there are so many; gives how many voxels changed.
+
+        A request that is repeated because its answer was lost takes nothing more back.
+        """
+        if not self._before or strokes != len(self._before):
             return 0
         changed, were = self._before.pop()
         labels = self.regions.labels.copy()
@@ -84,11 +94,13 @@ class Brush:
         return len(changed)
 
     def save(self, folder: Path) -> Path:
-        """Writes the set as `regions-1.json` in a folder, or with the next number that is free.
+        """Writes the set as `regions-1.json` in a folder, or with the next number that is free; once as it is.
 
         Raises:
             RegionError: if it cannot be written.
         """
+        if self._saved is not None and self._saved[0] is self.regions and self._saved[1].exists():
+            return self._saved[1]
         path = next(one for k in count(1) if not (one := folder / f"regions-{k}.json").exists())
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -97,6 +109,7 @@ class Brush:
             raise RegionError(
                 f"to write {path.name}", f"{error.strerror}", "start naris steer with --keyframes in another folder"
             ) from error
+        self._saved = self.regions, path
         return path
 
     def _dab(
@@ -120,11 +133,11 @@ class Brush:
             return
         pieces, _ = components_of(air, _TOUCHING)
         # The wall has the region of the air before it: as deep as regions are told.
-        depth = round(_REACH_MM / step)
+        depth = max(round(_REACH_MM / step), 1)
         around = binary_dilation(
             pieces == pieces[nearest], _TOUCHING, iterations=depth, mask=~(air & (pieces != pieces[nearest]))
         )
-        labels[box][around & ball & (labels[box] != NOWHERE)] = number
+        labels[box][around & ball & (self._air[box] | (labels[box] != NOWHERE))] = number
 
 
 def _divided(regions: GridRegions) -> GridRegions:

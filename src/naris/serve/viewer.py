@@ -48,8 +48,9 @@ _MOST_DABS = 2000
 _ORIGINAL = ".txt"
 
 Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
-Simulate = Callable[[Path, Path, int, float, Progress], int]
-"""Pictures along the keyframes of a file, into a folder: views each position, mm between these; gives their number."""
+Simulate = Callable[[Path, Path, Path | None, int, float, Progress], int]
+"""Pictures along the keyframes of a file, into a folder, labelled by a file of painted regions where there is one:
+views each position, mm between these; gives their number."""
 
 
 class FrameAsked(BaseModel):
@@ -58,7 +59,7 @@ class FrameAsked(BaseModel):
     model_config = ConfigDict(extra="forbid")
     pose: list[list[float]]
     fov_deg: float = Field(45.0, ge=5, le=140)
-    k1: float = Field(0.0, ge=-4, le=0)
+    k1: float = Field(0.0, ge=-40, le=0)
     width: int = Field(300, ge=16, le=_MOST_PX)
     height: int = Field(300, ge=16, le=_MOST_PX)
     steady: bool = True
@@ -82,6 +83,13 @@ class StrokeTold(BaseModel):
     region: int
     radius_mm: float = Field(3.0, gt=0.2, le=20)
     points: list[tuple[float, float, float]] = Field(max_length=_MOST_DABS)
+
+
+class UndoTold(BaseModel):
+    """How many strokes the page knows of: the last of these is taken back."""
+
+    model_config = ConfigDict(extra="forbid")
+    strokes: int
 
 
 class PoseTold(BaseModel):
@@ -173,6 +181,8 @@ class Viewer:
         self._scene = Scene(self.anatomy)
         self._made: dict[str, bytes] = {}
         self._making = threading.Lock()
+        self._painting = threading.Lock()
+        self._locating = threading.Lock()
 
     # --- what is looked at ------------------------------------------------------------------------------------------
 
@@ -197,6 +207,7 @@ class Viewer:
             "hasSimulate": self.simulate is not None and self.regions is not None,
             "hasSlices": self.slices is not None,
             "keyframesFile": self.keyframes.name,
+            "undoable": None if self._brush is None else self._brush.state()["undoable"],
         }
 
     def frame(self, asked: FrameAsked) -> UInt8[np.ndarray, "h w 3"]:
@@ -240,21 +251,32 @@ class Viewer:
         Raises:
             RegionError: if there are no regions, or none of that number.
         """
-        with self._lock:
+        with self._painting:
             brush = self._brushed()
             return self._repainted(brush.state(brush.paint(asked.region, asked.radius_mm, asked.points)))
 
-    def unpaint(self) -> bytes:
-        """Takes the last stroke back; the regions as they are then."""
-        with self._lock:
+    def unpaint(self, asked: UndoTold) -> bytes:
+        """Takes the last of so many strokes back; the regions as they are then."""
+        with self._painting:
             brush = self._brushed()
-            return self._repainted(brush.state(brush.undo()))
+            return self._repainted(brush.state(brush.undo(asked.strokes)))
 
     def save_regions(self) -> dict[str, Any]:
         """Writes the painted set beside the keyframes."""
-        with self._lock:
+        with self._painting:
             brush = self._brushed()
             return brush.state(0, brush.save(self.keyframes.parent).name)
+
+    def painted_file(self) -> Path | None:
+        """The file of the painted set, written if need be; None where nothing was painted.
+
+        Raises:
+            RegionError: if it cannot be written.
+        """
+        with self._painting:
+            if self._brush is None or (self._brush.is_saved and not self._brush.state()["undoable"]):
+                return None
+            return self._brush.save(self.keyframes.parent)
 
     def _brushed(self) -> Brush:
         if self.regions is None:
@@ -282,7 +304,8 @@ class Viewer:
         """
         if self.locate is None:
             raise InputError("a model to locate with", "none", "start naris steer with --model")
-        told = self.locate(image)
+        with self._locating:
+            told = self.locate(image)
         poses = [] if told.hypotheses is None else told.hypotheses.matrix.tolist()
         weights = [] if told.weights is None else told.weights.tolist()
         return {
@@ -418,7 +441,8 @@ class Viewer:
         work.said = "it ended by a fault of naris: see what the command printed"
         try:
             if self.simulate is not None:
-                count = self.simulate(self.keyframes, folder, asked.per_position, asked.step_mm, work)
+                regions = self.painted_file()
+                count = self.simulate(self.keyframes, folder, regions, asked.per_position, asked.step_mm, work)
                 work.said = f"{count} pictures in {folder.name}"
         except NarisError as error:
             work.said = str(error)

@@ -79,6 +79,10 @@ export class Outside {
   /** Small frustums where keyframes, or what a model believes in, stand. */
   mark(poses, isGhost = false) {
     const group = isGhost ? this.ghosts : this.marks;
+    for (const one of group.children) {
+      one.geometry.dispose();
+      one.material.dispose();
+    }
     group.clear();
     for (const pose of poses) {
       const one = frustum(isGhost ? 0xd060d0 : 0xe0a030, 2.5);
@@ -138,12 +142,13 @@ export class Outside {
   }
 
   #listen(canvas) {
-    let from = null, isPainting = false;
+    let from = null, stroke = null; // the pointer that paints, and the brush
     this.dragged = 0;
     canvas.addEventListener("pointerdown", (event) => {
+      if (stroke) return;
       const met = this.brush && !event.shiftKey && this.hit(event);
       if (met) {
-        isPainting = true;
+        stroke = { pointer: event.pointerId, brush: this.brush };
         this.brush.begin(met.place);
         canvas.setPointerCapture(event.pointerId);
         return;
@@ -153,7 +158,10 @@ export class Outside {
       canvas.setPointerCapture(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
-      if (isPainting) return this.brush?.move(this.hit(event)?.place);
+      if (stroke) {
+        if (stroke.pointer === event.pointerId) stroke.brush.move(this.hit(event)?.place);
+        return;
+      }
       if (!from) return;
       const by = [event.clientX - from[0], event.clientY - from[1]];
       from = [event.clientX, event.clientY];
@@ -161,9 +169,11 @@ export class Outside {
       this.orbit(by[0] * TURN_PER_PX, by[1] * TURN_PER_PX);
     });
     for (const kind of ["pointerup", "pointercancel"]) {
-      canvas.addEventListener(kind, () => {
-        if (isPainting) this.brush?.end();
-        isPainting = false;
+      canvas.addEventListener(kind, (event) => {
+        if (stroke?.pointer === event.pointerId) {
+          stroke.brush.end();
+          stroke = null;
+        }
         from = null;
       });
     }

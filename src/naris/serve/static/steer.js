@@ -18,7 +18,7 @@ const PLAY_MM_S = 8, HASTE = 3, SLOW_MS = 45, QUICK_MS = 22, LEAST_RATIO = 0.3, 
 
 const state = {
   fov: 70, playing: null, flying: null, exact: false, stillSince: 0, wasTold: false, lastDraw: 0, drawn: 0, marks: 0,
-  view: "", beside: "", look: 0, ratio: 1, isRough: false, paused: false, keyframes: [], dropped: false,
+  view: "", beside: "", look: 0, strokes: 0, strokesDrawn: 0, ratio: 1, isRough: false, paused: false, keyframes: [], dropped: false,
   keepUntil: 0, outsideAt: 0,
 };
 
@@ -44,7 +44,10 @@ async function begin() {
   const room = new Room(await binary("/api/parcel/room"));
   const flight = new Flight(room, bookmarked(start.digest) ?? start.pose);
   const page = { start, surface, about, inside, outside, room, flight, keys: new Keys(), slices: null };
-  page.brush = new Brush(surface, geometry, room, (said) => repainted(page, said), complain);
+  page.brush = new Brush(surface, geometry, room, {
+    drawn: () => state.strokes++, changed: (said) => repainted(page, said), complain,
+  });
+  if (start.undoable !== null) brushed(page, start.undoable);
   if (start.hasSlices) page.slices = new Slices($("slices-canvas"), complain);
   page.strip = new Strip($("strip"), {
     pose: () => flight.pose,
@@ -59,7 +62,10 @@ async function begin() {
   });
   page.video = new Video($("video"), $("video-player"), $("video-name"),
     (picture, name) => locate(page, picture, name).catch(complain), (sentence) => say(sentence, true));
-  $("video-close").addEventListener("click", () => page.video.close());
+  $("video-close").addEventListener("click", () => {
+    locating.end();
+    page.video.close();
+  });
   controls(page);
   pointers(page);
   dropping(page);
@@ -106,12 +112,13 @@ function draw(page, now, spent) {
   const { flight, inside, outside } = page;
   const pose = flight.pose;
   const view = viewOf(page, pose);
-  const beside = `${view} ${outside.turn} ${outside.reach} ${state.marks}`;
+  const beside = `${view} ${outside.turn} ${outside.reach} ${state.marks} ${state.strokes}`;
   const moves = view !== state.view;
-  if (moves || state.isRough) {
+  if (moves || state.isRough || state.strokes !== state.strokesDrawn) {
     if (moves) smoother(page, spent);
     else if (now - state.stillSince > STILL_MS) refine(page, fullRatio());
     inside.draw(pose, state.fov);
+    state.strokesDrawn = state.strokes;
     state.drawn++;
   }
   if (moves) outside.follow(flight.position, flight.shaft);
@@ -274,6 +281,7 @@ function controls(page) {
     brush: () => painting(page),
     dab: () => {
       if (!page.brush.isOn) return say("press B first to paint", true);
+      if (page.brush.stroke) return;
       page.brush.begin(wallInside(page, [0, 0, 1]).place);
       page.brush.end();
     },
@@ -351,7 +359,7 @@ function listPlaces(page) {
 }
 
 function isTyping(element) {
-  return element instanceof HTMLElement && element.matches("input:not([type=checkbox]), select, textarea");
+  return element instanceof HTMLElement && element.matches("input:not([type=checkbox]), select, textarea, video");
 }
 
 function slider(id, out, words, act) {
@@ -402,6 +410,7 @@ function painting(page) {
   const { brush, outside } = page;
   if (!page.about.regions.length) return say("this anatomy has no regions to paint: start naris steer with --regions slabs", true);
   brush.isOn = !brush.isOn;
+  if (!brush.isOn) brush.end();
   outside.brush = brush.isOn ? brush : null;
   $("brush").setAttribute("aria-pressed", String(brush.isOn));
   $("brush-controls").hidden = !brush.isOn;
@@ -414,11 +423,15 @@ function painting(page) {
 function repainted(page, said) {
   page.about.places.splice(0, Infinity, ...said.places);
   listPlaces(page);
-  $("brush-undo").disabled = said.undoable === 0;
-  $("brush-save").disabled = false;
-  state.look++;
-  state.marks++;
+  brushed(page, said.undoable);
   told(page, page.flight.pose);
+  if (said.changed === 0) say("nothing there was painted: it has that region, or no air is near", true);
+}
+
+function brushed(page, strokes) {
+  page.brush.strokes = strokes;
+  $("brush-undo").disabled = strokes === 0;
+  $("brush-save").disabled = false;
 }
 
 async function saveRegions(page) {
@@ -463,11 +476,16 @@ function complain(error) {
 function pointers(page) {
   const canvas = $("inside-canvas"), { flight, outside } = page;
   const fingers = new Map(), { brush } = page;
-  let dragged = 0, isPainting = false;
+  let dragged = 0, painter = null; // the pointer that paints
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
-    isPainting = brush.isOn && !event.shiftKey;
-    if (isPainting) brush.begin(wallInside(page, rayOf(page, event)).place);
+    if (painter !== null) {
+      brush.cancel(); // two fingers insert, and paint nothing
+      painter = null;
+    } else if (brush.isOn && !event.shiftKey && !fingers.size) {
+      painter = event.pointerId;
+      brush.begin(wallInside(page, rayOf(page, event)).place);
+    }
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
     dragged = 0;
     canvas.focus();
@@ -479,15 +497,16 @@ function pointers(page) {
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
     const by = [event.clientX - last[0], event.clientY - last[1]];
     dragged += Math.abs(by[0]) + Math.abs(by[1]);
-    if (isPainting) brush.move(wallInside(page, rayOf(page, event)).place);
+    if (painter === event.pointerId) brush.move(wallInside(page, rayOf(page, event)).place);
     else if (fingers.size === 2) flight.move([0, 0, (pinch(fingers) - spread) * 0.05]);
     else flight.turn([by[1] * DRAG_RAD_PER_PX, -by[0] * DRAG_RAD_PER_PX, 0]);
   });
   for (const kind of ["pointerup", "pointercancel"]) {
     canvas.addEventListener(kind, (event) => {
       fingers.delete(event.pointerId);
-      if (isPainting) brush.end();
-      isPainting = false;
+      if (painter !== event.pointerId) return;
+      brush.end();
+      painter = null;
     });
   }
   canvas.addEventListener("click", (event) => {

@@ -3,6 +3,8 @@
 /** What a browser may be able to play, by the end of a name. */
 export const VIDEO = /\.(mp4|m4v|mov|webm|mkv|ogv|avi|mpe?g)$/i;
 
+const REST_MS = 200;
+
 export class Video {
   /** `stands(picture, name)` is called with each frame that the video comes to rest at; `failed(sentence)` if it has none. */
   constructor(figure, player, caption, stands, failed) {
@@ -44,11 +46,19 @@ export class Video {
     return new Promise((done) => canvas.toBlob(done, "image/png"));
   }
 
-  async #rest() {
-    const { player } = this;
-    if (!this.url || !player.paused || player.seeking || !player.videoWidth) return;
-    const at = player.currentTime;
+  /** Only a frame at which it stays for a moment counts, and each one once. */
+  #rest() {
+    clearTimeout(this.resting);
+    this.resting = setTimeout(() => this.#tell(), REST_MS);
+  }
+
+  async #tell() {
+    const { player, url, name } = this;
+    const at = player.currentTime, still = `${url} ${at}`;
+    const rests = () => this.url === url && player.paused && !player.seeking && player.currentTime === at;
+    if (!url || !player.videoWidth || !rests() || this.told === still) return;
+    this.told = still;
     const picture = await this.frame();
-    if (this.url && player.paused && player.currentTime === at) this.stands(picture, `${this.name} at ${at.toFixed(2)} s`);
+    if (rests()) this.stands(picture, `${name} at ${at.toFixed(2)} s`);
   }
 }
