@@ -245,6 +245,7 @@ def test_without_modes_it_is_rigid_registration(nose, prepared_nose, trials, noi
     found, rigid = register_deformable(prepared_nose, none, seen), register(prepared_nose, seen)
     off_mm, off_rad = distance(found.best, rigid.best)
     # Points belong to the nearest wall there and to all that is seen around them here: apart as far as they are unsure.
+    # Of ranges the equations are the same, but from other starts one may rest in a neighbouring dent of the costs.
     sd_mm, sd_rad = (
         np.sqrt(np.linalg.eigvalsh(block)[-1]) for block in (rigid.covariance[:3, :3], rigid.covariance[3:, 3:])
     )
