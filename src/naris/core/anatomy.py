@@ -227,7 +227,7 @@ class Anatomy:
             np.add.at(normals, self.faces[:, corner], face_normal * angle[:, None])
         return _unit(normals)
 
-    @property
+    @cached_property
     def bounds_mm(self) -> Float[np.ndarray, "2 3"]:
         return np.stack([self.vertices_mm.min(axis=0), self.vertices_mm.max(axis=0)])
 

@@ -26,6 +26,7 @@ BASIN_MM, BASIN_RAD = 2.0, 0.15
 _COARSE_OUTLIERS = 0.1
 _PROMISING, _PROMISING_POINTS, _FEW = 0.6, 0.8, 8  # the share of starts worth a second stage, never fewer than so many
 _ONE_MM, _ONE_RAD = 0.15, 0.02  # what begins there again ends where the other does
+_FEW_STARTS = 16  # of so few none can be spared
 _SAME_MM, _SAME_RAD = 0.5, 0.07
 _BEHIND = 100.0  # in −2 log likelihood of the coarse rays: of 70 views each none was best that was so far behind
 _RIG = "rig"
@@ -74,14 +75,15 @@ def coarse(
 ) -> Solutions:
     """From all starts on some of the rays, the smooth error counted as noise.
 
-    With the wide noise half of those rays are enough. Starts that are far behind then are dropped, of points fewer:
-    they tell places apart less; and so are all but one of those that came to the same place. With `every` none is, and
-    all those rays are used throughout.
+    With the wide noise half of those rays are enough where there are many starts. Those that are far behind then are
+    dropped, of points fewer: they tell places apart less; and so are all but one of those that came to the same place.
+    With `every` none is, and all those rays are used throughout.
     """
-    few = most_rays if every else min(most_rays, _WIDE_RAYS)
+    few = most_rays if every or len(starts.poses) <= _FEW_STARTS else min(most_rays, _WIDE_RAYS)
     wide = _solved(at, _coarsely(at, observation, few), starts, WIDE, scattered=True)
     if every:
-        return _solved(at, _coarsely(at, observation, most_rays), Starts(wide.poses, wide.log_scales), COARSE)
+        left = Starts(wide.poses, wide.log_scales)
+        return _solved(at, _coarsely(at, observation, most_rays), left, COARSE, scattered=True)
     share = _PROMISING_POINTS if observation.is_cloud else _PROMISING
     most = max(round(share * len(wide)), min(_FEW, len(wide)))
     kept = different(wide.first(most), most, _ONE_MM, _ONE_RAD)
