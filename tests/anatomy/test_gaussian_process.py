@@ -100,7 +100,7 @@ def test_without_asymmetry_a_symmetric_nose_stays_so(nose: Anatomy) -> None:
         np.testing.assert_allclose(shift[:1000][close] * [-1, 1, 1], shift[twin[close]], atol=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_patient_is_whole_and_comes_of_seed_and_number_alone(nose: Anatomy) -> None:
     process = process_around(nose, Deformation())
     one = process.patient(5, 2)

@@ -145,7 +145,7 @@ def test_what_cannot_be_scanned_is_refused() -> None:
         Scanner(tilt_deg=45.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_nostrils_of_a_nose_that_was_found_in_a_scan_are_open_too() -> None:
     """Its landmarks lie outside of its lumen, which ends where the room began: no plug may be between the two."""
     found = simulated_head.found().anatomy

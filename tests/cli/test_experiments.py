@@ -95,7 +95,7 @@ def test_a_demo_ends_with_its_files_and_a_second_tells_the_same(
     assert "two-layer, as published" not in page
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_reproduce_ends_with_its_files(
     tmp_path: Path, tube: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

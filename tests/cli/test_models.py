@@ -58,7 +58,7 @@ def test_another_training_in_the_same_folder_is_refused(pictures: Path, trained:
     assert (trained / "model.safetensors").read_bytes() == before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_views_at_will_and_several_seeds(tube: Path, pictures: Path, tmp_path, capfd) -> None:
     assert main(["train", str(tube), "-o", str(tmp_path / "will"), "--steps", "2", "--scopes", "many", "--quiet"]) == 0
     assert load_checkpoint(tmp_path / "will" / "model.safetensors").network == "compact"
