@@ -16,7 +16,8 @@ from PIL import Image
 
 from naris.core.pictures import check_array
 from naris.errors import ImageError, InputError, NarisError
-from naris.serve.viewer import FrameAsked, PoseTold, SlicesAsked, StrokeTold, UndoTold, Viewer
+from naris.serve.messages import FrameAsked, PoseTold, SlicesAsked, StrokeTold, UndoTold
+from naris.serve.viewer import Viewer
 
 _MODULES = (
     "steer",

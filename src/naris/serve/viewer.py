@@ -20,7 +20,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import UInt8
-from pydantic import BaseModel, ConfigDict, Field
 
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.camera import Brown, Intrinsics, Pinhole
@@ -40,87 +39,16 @@ from naris.render.keyframes import (
 )
 from naris.render.scene import Scene, render
 from naris.serve.brush import Brush
+from naris.serve.messages import FrameAsked, KeyframesTold, SimulationAsked, SlicesAsked, StrokeTold, UndoTold
 from naris.serve.slices import Slices
 from naris.serve.stage import look_parcel, regions_parcel, room_parcel, start_pose, steady, surface_parcel
 
-_MOST_PX = 2048
-_MOST_DABS = 2000
 _ORIGINAL = ".txt"
 
 Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
 Simulate = Callable[[Path, Path, Path | None, int, float, Progress], int]
 """Pictures along the keyframes of a file, into a folder, labelled by a file of painted regions where there is one:
 views each position, mm between these; gives their number."""
-
-
-class FrameAsked(BaseModel):
-    """A picture by our own renderer."""
-
-    model_config = ConfigDict(extra="forbid")
-    pose: list[list[float]]
-    fov_deg: float = Field(45.0, ge=5, le=140)
-    k1: float = Field(0.0, ge=-40, le=0)
-    width: int = Field(300, ge=16, le=_MOST_PX)
-    height: int = Field(300, ge=16, le=_MOST_PX)
-    steady: bool = True
-
-
-class SlicesAsked(BaseModel):
-    """Three slices through a place."""
-
-    model_config = ConfigDict(extra="forbid")
-    place: tuple[float, float, float]
-    span_mm: float = Field(80.0, ge=5, le=400)
-    size: int = Field(240, ge=32, le=800)
-    level: float = Field(0.0, ge=-2000, le=5000)
-    width: float = Field(2500.0, ge=1, le=10_000)
-
-
-class StrokeTold(BaseModel):
-    """A stroke of the brush: a region, by its number, around places (mm)."""
-
-    model_config = ConfigDict(extra="forbid")
-    region: int
-    radius_mm: float = Field(3.0, gt=0.2, le=20)
-    points: list[tuple[float, float, float]] = Field(max_length=_MOST_DABS)
-
-
-class UndoTold(BaseModel):
-    """How many strokes the page knows of: the last of these is taken back."""
-
-    model_config = ConfigDict(extra="forbid")
-    strokes: int
-
-
-class PoseTold(BaseModel):
-    """Where the scope is."""
-
-    model_config = ConfigDict(extra="forbid")
-    pose: list[list[float]]
-
-
-class KeyframeTold(BaseModel):
-    """A keyframe of the page."""
-
-    model_config = ConfigDict(extra="forbid")
-    name: str
-    pose: list[list[float]]
-
-
-class KeyframesTold(BaseModel):
-    """All keyframes of the page, in their order."""
-
-    model_config = ConfigDict(extra="forbid")
-    revision: str
-    keyframes: list[KeyframeTold]
-
-
-class SimulationAsked(BaseModel):
-    """Pictures along the keyframes."""
-
-    model_config = ConfigDict(extra="forbid")
-    per_position: int = Field(10, ge=1, le=1000)
-    step_mm: float = Field(1.0, gt=0.01, le=100)
 
 
 @dataclass
