@@ -2,15 +2,18 @@
 
 import numpy as np
 import pytest
+from numba import njit
 
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
+from naris.register.cloud_equations import Seen, _off
 from naris.register.equations import MOST_UNKNOWNS, Equations
 from naris.register.observation import PointNoise, Scale, from_points, together
-from naris.register.rays import prepared, sight
+from naris.register.rays import prepared, rays_of, sight
 from naris.register.solve import fine
 from naris.register.starts import Starts
 from naris.register.steps import linearise
+from naris.render.lanes import LANES, store
 from naris.render.scene import Scene, render
 
 SD_MM, OUTLIERS = 0.6, 0.05
@@ -120,3 +123,34 @@ def test_points_right_before_the_camera_are_no_harm(prepared_nose, trials):
     points = np.vstack([seen.directions * seen.ranges[:, None], [[0.3, 0.7, 0.05], [-0.2, -0.5, 0.01]]])
     cost, right = at_pose(prepared_nose, from_points(points, PointNoise(SD_MM, OUTLIERS)), trials[0].anatomy_T_camera)
     assert np.isfinite(cost) and np.isfinite(right).all()
+
+
+@njit
+def _offs(rays, seen, point, variance, out):
+    for row, one in enumerate(_off(rays, seen, point, variance, 0)):
+        store(out, row * LANES, one)
+
+
+def test_off_a_wall_is_told_truly_however_slanted_it_is():
+    """Across a wall, away along it and level: the three parts of the way to a point, at 0.5° as at 60°."""
+    rng = np.random.default_rng(6)
+    tilt = np.deg2rad(np.linspace(0.5, 80, LANES))
+    ray = rng.standard_normal((LANES, 3))
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    side = np.cross(ray, rng.standard_normal((LANES, 3)))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    wall = np.cos(tilt)[:, None] * side - np.sin(tilt)[:, None] * ray
+    along = np.cos(tilt)[:, None] * ray + np.sin(tilt)[:, None] * side
+    t, point, ones = rng.uniform(5, 30, LANES), np.array([4.0, -7.0, 9.0]), np.ones(LANES)
+    rays = rays_of(np.zeros((LANES, 3)), ray, ones, ones, ones)
+    patch = rng.uniform(0.01, 0.1, LANES)
+    as_float = [np.ascontiguousarray(x, dtype=np.float32) for x in (t, wall.T, (wall * ray).sum(1), patch)]
+    nothing = np.zeros(LANES, np.float32)
+    out = np.zeros((6, LANES), np.float32)
+    _offs(rays, Seen(*as_float, nothing, nothing, nothing), tuple(np.float32(point)), np.float32(0.36), out.ravel())
+    off = point - t[:, None] * ray
+    across, away = (off * wall).sum(1), (off * along).sum(1)
+    level = (off * off).sum(1) - across**2 - away**2
+    slanted = np.maximum(np.sin(tilt), 0.1)
+    expected = across, away, level, 1 / (patch / slanted**2 + 0.36), 1 / (patch + 0.36), -np.cos(tilt) / slanted
+    np.testing.assert_allclose(out, expected, rtol=2e-4, atol=2e-4)

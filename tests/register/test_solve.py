@@ -8,7 +8,7 @@ import pytest
 from naris.core.pose import CAMERA, Pose
 from naris.register.equations import RANGES, Model
 from naris.register.observation import DepthNoise, from_ranges
-from naris.register.solve import Solutions, aside, fine, merged, promising
+from naris.register.solve import Solutions, aside, different, fine, merged, promising
 from naris.register.starts import Starts
 
 MODEL = Model(RANGES, 0.05, 10.0, 0, 0.0, 0.0, -np.inf, np.inf, 1, 0)
@@ -30,6 +30,15 @@ def test_what_is_far_behind_in_all_rays_together_does_not_go_on() -> None:
     kept = promising(solutions([2.0, 2.5, 9.0]), 8)
     np.testing.assert_allclose(kept.poses[:, 0, 3], [0.0, 10.0])
     np.testing.assert_allclose(kept.log_scales, [0.0, 0.1])
+
+
+def test_what_lies_at_one_place_with_two_scales_is_two_where_scales_are_asked_for() -> None:
+    found = solutions([1.0, 2.0, 3.0, 4.0])
+    found.poses[:, 0, 3] = [0.0, 0.1, 0.1, 10.0]
+    found.log_scales[:] = [0.0, 0.01, 0.1, 0.0]
+    assert different(found, 4, 0.15, 0.02).tolist() == [0, 3]
+    assert different(found, 4, 0.15, 0.02, 0.02).tolist() == [0, 2, 3]
+    assert different(found, 2, 0.15, 0.02, 0.02).tolist() == [0, 2]
 
 
 def test_what_begins_aside_lies_around_the_best_at_its_scale() -> None:

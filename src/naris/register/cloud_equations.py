@@ -38,7 +38,7 @@ class Seen(NamedTuple):
     Attributes:
         t: (K,) how far; very far where nothing is.
         wall: (3, K) its normal.
-        cosine: (K,) of its normal with the ray, negative.
+        cosine: (K,) of its normal with the ray, negative where the wall is seen from inside.
         patch: (K,) variance of the patch across its ray (mm²).
         weights, pulls: (K,) responsibilities of the rays over the variance, and times the way along the row.
         shares: (most,) of the rays around one point, and sixteen more.
@@ -103,12 +103,11 @@ def _look(sight, pose, scale):
     outside = 0
     for at in range(0, n, LANES):
         there, ((mx, my, mz), met, far) = walls(sight, pose, at)
-        slanted = least(met, np.float32(-_LEAST_COSINE))
         store(wall, at, mx)
         store(wall, n + at, my)
         store(wall, 2 * n + at, mz)
         store(t, at, choose(there, far, np.float32(_FAR_MM)))
-        store(cosine, at, slanted)
+        store(cosine, at, met)
         store(patch, at, choose(there, np.float32(_PATCH * _PATCH) * load(cloud.solid, at) * far * far, 0.0))
     for k in range(n):
         outside += memory.hit[k] * sight.model.inside < 0
@@ -121,7 +120,8 @@ def _off(rays, seen, point, variance, k):
     """From the places of sixteen rays on their walls to a point.
 
     Gives the way across the wall, then along it that away from the camera and that across the ray, squared, the
-    precisions of these two, and how fast the first grows when the wall moves.
+    precisions of these two, and how fast the first grows when the wall moves. How long the patch is, and how fast its
+    middle slides, is told as if no wall were seen at less than about 6°.
     """
     n = len(seen.t)
     t, x, y, z = load(seen.t, k), load(rays.x, k), load(rays.y, k), load(rays.z, k)
@@ -130,9 +130,10 @@ def _off(rays, seen, point, variance, k):
     cosine, patch = load(seen.cosine, k), load(seen.patch, k)
     sine = sqrt(most(1.0 - cosine * cosine, _LEAST_SINE))
     away = (dx * x + dy * y + dz * z - across * cosine) / sine
-    level = dx * dx + dy * dy + dz * dz - across * across - away * away
-    of_away, of_level = 1.0 / (patch / (cosine * cosine) + variance), 1.0 / (patch + variance)
-    return across, away, level, of_away, of_level, sine / cosine
+    level = most(dx * dx + dy * dy + dz * dz - across * across - away * away, np.float32(0.0))
+    slanted = least(cosine, np.float32(-_LEAST_COSINE))
+    of_away, of_level = 1.0 / (patch / (slanted * slanted) + variance), 1.0 / (patch + variance)
+    return across, away, level, of_away, of_level, sine / slanted
 
 
 @_part_njit

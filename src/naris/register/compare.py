@@ -61,7 +61,8 @@ def compare(search, first, last, fits):
     for start in range(first, last, LANES):
         count = min(LANES, last - start)
         _side_by_side(search.panoramas, start, count, around)
-        best[:] = fits.best[start, few - 1]
+        for k in range(LANES):
+            best[k] = fits.best[start + min(k, count - 1), few - 1]
         for turn in range(texels.shape[0]):
             if search.free:
                 sums, off = _differences_shifted(search, turn, around, difference)

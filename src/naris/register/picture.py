@@ -37,7 +37,7 @@ _LOOSE_MM, _LOOSE_RAD = 4.0, 0.2
 
 
 SEARCH = RegisterConfig()
-"""By depth, which is rough: more places are kept than of a depth image."""
+"""By depth: as of a depth image, though that of a network is rougher."""
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ AS_THEY_ARE = Schedule(np.array([1.0]), np.array([0]))
 BASIN_MM, BASIN_RAD = 2.0, 0.15
 """Poses further apart than either of these are different answers."""
 _COARSE_OUTLIERS = 0.1
-_PROMISING, _PROMISING_POINTS, _FEW = 0.6, 0.8, 8  # the share of starts worth a second stage, never fewer than so many
-_ONE_MM, _ONE_RAD = 0.15, 0.02  # what begins there again ends where the other does
+_PROMISING, _PROMISING_POINTS, _FEW = 0.6, 0.8, 8  # the share of starts worth a second stage, or so many if more
+_ONE_MM, _ONE_RAD, _ONE_LOG = 0.15, 0.02, 0.02  # what begins there again ends where the other does
 _FEW_STARTS = 16  # of so few none can be spared
 _SAME_MM, _SAME_RAD = 0.5, 0.07
 _BEHIND = 100.0  # in −2 log likelihood of the coarse rays: of 70 views each none was best that was so far behind
@@ -86,7 +86,7 @@ def coarse(
         return _solved(at, _coarsely(at, observation, most_rays), left, COARSE, scattered=True)
     share = _PROMISING_POINTS if observation.is_cloud else _PROMISING
     most = max(round(share * len(wide)), min(_FEW, len(wide)))
-    kept = different(wide.first(most), most, _ONE_MM, _ONE_RAD)
+    kept = different(wide.first(most), most, _ONE_MM, _ONE_RAD, _ONE_LOG)
     left = Starts(wide.poses[kept], wide.log_scales[kept])
     return _solved(at, _coarsely(at, observation, most_rays), left, COARSE, scattered=True)
 
@@ -176,13 +176,18 @@ def merged(first: Solutions, second: Solutions) -> Solutions:
 
 
 def different(
-    solutions: Solutions, most: int, apart_mm: float = _SAME_MM, apart_rad: float = _SAME_RAD
+    solutions: Solutions,
+    most: int,
+    apart_mm: float = _SAME_MM,
+    apart_rad: float = _SAME_RAD,
+    apart_log: float = np.inf,
 ) -> Int[np.ndarray, "m"]:
-    """The best, none of which is within both distances of a better one."""
+    """The best, none of which is within both distances of a better one, nor of a logarithm of scale within a third."""
     chosen: list[int] = []
     for k in range(len(solutions)):
-        pose, others = solutions.poses[k], solutions.poses[chosen]
-        if not alike(others, pose, apart_mm, apart_rad).any():
+        near = alike(solutions.poses[chosen], solutions.poses[k], apart_mm, apart_rad)
+        scaled = np.abs(solutions.log_scales[chosen] - solutions.log_scales[k])
+        if not (near & (scaled <= apart_log)).any():
             chosen.append(k)
         if len(chosen) == most:
             break

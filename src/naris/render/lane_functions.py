@@ -9,7 +9,9 @@ from numba import njit
 
 from naris.render.lanes import bits, choose, least, most, of_bits, real, whole
 
-_LOG2_E, _LN_2, _SQRT_2 = np.float32(np.log2(np.e)), np.float32(np.log(2)), np.float32(np.sqrt(2))
+_LOG2_E, _SQRT_2 = np.float32(np.log2(np.e)), np.float32(np.sqrt(2))
+_LN_2_HIGH = np.float32(0.693359375)  # nine bits: exact times any exponent, with or without fused multiply-add
+_LN_2_LOW = np.float32(np.log(2) - 0.693359375)
 _LEAST, _MOST = np.float32(-86.0), np.float32(86.0)
 _ROUNDS, _DOWN = np.float32(128.5), np.int32(128)  # above 0, to round towards zero is to round down
 _MANTISSA_BITS, _BIAS = np.int32(23), np.int32(127)
@@ -23,7 +25,7 @@ def exponential(x):
     """e to the x; of numbers beyond ±86 that of ±86."""
     x = most(least(x, _MOST), _LEAST)
     n = whole(x * _LOG2_E + _ROUNDS) - _DOWN
-    t = x - real(n) * _LN_2
+    t = x - real(n) * _LN_2_HIGH - real(n) * _LN_2_LOW
     value = 1.0 + t * (1.0 + t * (1 / 2 + t * (1 / 6 + t * (1 / 24 + t * (1 / 120 + t * (1 / 720))))))
     return value * of_bits((n + _BIAS) << _MANTISSA_BITS)
 
@@ -37,4 +39,5 @@ def logarithm(x):
     m, n = choose(is_high, m * 0.5, m), choose(is_high, n + 1, n)
     s = (m - 1.0) / (m + 1.0)
     s2 = s * s
-    return real(n) * _LN_2 + 2.0 * s * (1.0 + s2 * (1 / 3 + s2 * (1 / 5 + s2 * (1 / 7 + s2 * (1 / 9)))))
+    series = 1.0 + s2 * (1 / 3 + s2 * (1 / 5 + s2 * (1 / 7 + s2 * (1 / 9))))
+    return real(n) * _LN_2_HIGH + (real(n) * _LN_2_LOW + 2.0 * s * series)
