@@ -7,6 +7,7 @@ import json
 import threading
 import time
 import zipfile
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from fastapi.testclient import TestClient
 from PIL import Image
 
 from naris.core.anatomy import Anatomy
-from naris.core.camera import Intrinsics
+from naris.core.camera import Brown, Intrinsics
 from naris.core.pose import Pose
 from naris.core.progress import Progress
 from naris.core.results import Prediction
@@ -23,6 +24,8 @@ from naris.errors import KeyframeError
 from naris.render.appearance import ENDOSCOPE
 from naris.render.keyframes import Keyframes, interpolate, read_keyframes, read_original_keyframes, write_keyframes
 from naris.render.scene import Scene, render
+from naris.serve.app import STATIC
+from naris.serve.messages import SimulationAsked
 from naris.serve.stage import steady
 from naris.serve.viewer import Viewer
 
@@ -194,20 +197,21 @@ def test_pictures_along_the_keyframes_one_work_at_a_time(client: TestClient, vie
     begun, may_end = threading.Event(), threading.Event()
 
     def simulate(
-        keyframes: Path, folder: Path, painted: Path | None, per_position: int, step_mm: float, progress: Progress
+        keyframes: Path, folder: Path, painted: Path | None, asked: SimulationAsked, progress: Progress
     ) -> int:
         assert painted is None
+        assert asked.camera(40, 30) == Intrinsics.from_vertical_fov(40, 30, 66.0, Brown(-0.2))
         with progress.task("pictures", 40) as advance:
             advance(10)
             begun.set()
             may_end.wait(10)
         assert len(read_keyframes(keyframes)) == 2
-        return 4 * per_position
+        return 4 * asked.per_position
 
     viewer.simulate = simulate
     assert client.post("/api/simulate", json={}).status_code == 400  # nothing to go along
     kept(client, along(anatomy, 2))
-    assert client.post("/api/simulate", json={"per_position": 10}).json()["running"]
+    assert client.post("/api/simulate", json={"per_position": 10, "fov_deg": 66, "k1": -0.2}).json()["running"]
     assert begun.wait(10)
     told = client.get("/api/simulate").json()
     assert (told["done"], told["total"], told["folder"]) == (10, 40, "keyframes-pictures")
@@ -241,3 +245,10 @@ def test_what_a_model_says_of_pictures_and_poses(client: TestClient, viewer: Vie
     np.testing.assert_array_equal(seen[1], picture)
     answer = client.post("/api/locate", content=json.dumps({"no": "picture"}).encode())
     assert answer.status_code == 400 and "a picture" in answer.json()["error"]
+
+
+def test_all_that_the_page_is_made_of_is_served_and_nothing_else() -> None:
+    folder = resources.files("naris.serve").joinpath("static")
+    there = {one.name for one in folder.iterdir() if one.is_file()}
+    vendored = {f"vendor/{one.name}" for one in folder.joinpath("vendor").iterdir() if one.name.endswith(".js")}
+    assert {name for name, _ in STATIC.values()} == there | vendored

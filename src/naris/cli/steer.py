@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import webbrowser
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from naris.core.anatomy import Anatomy
     from naris.core.camera import Intrinsics
     from naris.core.progress import Progress
+    from naris.serve.messages import SimulationAsked
     from naris.serve.slices import Slices
     from naris.serve.viewer import Locate, Simulate
 
@@ -143,9 +144,7 @@ def _slices(options: Options, anatomy: Anatomy) -> Slices | None:
 
 
 def _simulate(options: Options) -> Simulate:
-    def simulate(
-        keyframes: Path, folder: Path, painted: Path | None, per_position: int, step_mm: float, progress: Progress
-    ) -> int:
+    def simulate(keyframes: Path, folder: Path, painted: Path | None, told: SimulationAsked, progress: Progress) -> int:
         from naris.cli import simulate as verb
         from naris.cli import views
         from naris.dataset.generate import simulate as simulated
@@ -155,10 +154,12 @@ def _simulate(options: Options) -> Simulate:
             folder,
             keyframes=keyframes,
             regions=options.regions if painted is None else str(painted),
-            per_position=per_position,
-            step_mm=step_mm,
+            per_position=told.per_position,
+            step_mm=told.step_mm,
         )
         simulation, scene = views.simulation(asked)
+        camera = simulation.intrinsics
+        simulation = replace(simulation, intrinsics=told.camera(camera.width, camera.height))
         return len(simulated(simulation, folder, scene=scene, progress=progress))
 
     return simulate

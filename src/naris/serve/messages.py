@@ -4,17 +4,29 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from naris.core.camera import Brown, Intrinsics, Pinhole
+
 _MOST_PX = 2048
 _MOST_DABS = 2000
 
 
-class FrameAsked(BaseModel):
-    """A picture by our own renderer."""
+class LensTold(BaseModel):
+    """What the page looks through: a vertical field of view, that of the lens taken for straight, and how it bends."""
 
     model_config = ConfigDict(extra="forbid")
-    pose: list[list[float]]
     fov_deg: float = Field(45.0, ge=5, le=140)
     k1: float = Field(0.0, ge=-40, le=0)
+
+    def camera(self, width: int, height: int) -> Intrinsics:
+        """One with this lens."""
+        lens = Brown(self.k1) if self.k1 else Pinhole()
+        return Intrinsics.from_vertical_fov(width, height, self.fov_deg, lens)
+
+
+class FrameAsked(LensTold):
+    """A picture by our own renderer."""
+
+    pose: list[list[float]]
     width: int = Field(300, ge=16, le=_MOST_PX)
     height: int = Field(300, ge=16, le=_MOST_PX)
     steady: bool = True
@@ -70,9 +82,8 @@ class KeyframesTold(BaseModel):
     keyframes: list[KeyframeTold]
 
 
-class SimulationAsked(BaseModel):
+class SimulationAsked(LensTold):
     """Pictures along the keyframes."""
 
-    model_config = ConfigDict(extra="forbid")
     per_position: int = Field(10, ge=1, le=1000)
     step_mm: float = Field(1.0, gt=0.01, le=100)

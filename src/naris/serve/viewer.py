@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from naris.core.anatomy import Anatomy, RegionSet
-from naris.core.camera import Brown, Intrinsics, Pinhole
+from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.core.progress import Progress
 from naris.core.results import Prediction
@@ -46,9 +46,9 @@ from naris.serve.stage import look_parcel, regions_parcel, room_parcel, start_po
 _ORIGINAL = ".txt"
 
 Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
-Simulate = Callable[[Path, Path, Path | None, int, float, Progress], int]
-"""Pictures along the keyframes of a file, into a folder, labelled by a file of painted regions where there is one:
-views each position, mm between these; gives their number."""
+Simulate = Callable[[Path, Path, Path | None, SimulationAsked, Progress], int]
+"""Pictures along the keyframes of a file, into a folder, labelled by a file of painted regions where there is one, as
+they are asked for; gives their number."""
 
 
 @dataclass
@@ -144,9 +144,7 @@ class Viewer:
         Raises:
             PoseError: if the pose is none.
         """
-        lens = Brown(asked.k1) if asked.k1 else Pinhole()
-        camera = Intrinsics.from_vertical_fov(asked.width, asked.height, asked.fov_deg, lens)
-        return self._rendered(self._pose(asked.pose), camera, asked.steady)
+        return self._rendered(self._pose(asked.pose), asked.camera(asked.width, asked.height), asked.steady)
 
     def sliced(self, asked: SlicesAsked) -> UInt8[np.ndarray, "h w 3"]:
         """Three slices of the CT, side by side.
@@ -370,7 +368,7 @@ class Viewer:
         try:
             if self.simulate is not None:
                 regions = self.painted_file()
-                count = self.simulate(self.keyframes, folder, regions, asked.per_position, asked.step_mm, work)
+                count = self.simulate(self.keyframes, folder, regions, asked, work)
                 work.said = f"{count} pictures in {folder.name}"
         except NarisError as error:
             work.said = str(error)

@@ -6,6 +6,7 @@ import { BEND_FRAGMENT, COPY_FRAGMENT, DEVELOP_FRAGMENT, SCREEN_VERTEX, WALL_FRA
 const METER_PX = 48;
 const LUMINANCE = [0.3, 0.59, 0.11];
 const NEAR_MM = 0.03, FAR_MM = 500;
+const LEAST_ASPECT = 4 / 3; // of a picture whose corner a lens is told by
 
 /** A surface for both views: corners, normals out of the closed surface, the number of each corner's region. */
 export function geometryOf({ arrays }) {
@@ -158,14 +159,15 @@ export class Inside {
 /**
  * A lens that bends by `barrel` (k1 times the square of the way to the corner, below 4/27) and sees `fovDeg` upwards.
  *
+ * The corner is that of a picture of 4:3 where this one is narrower: one lens serves this one and those beside it.
  * `reach` are the tangents of half the picture as the lens bends them, `edge` those without it at the corner, and a
  * picture that is bent must be `wider` by their ratio.
  */
 export function lensOf(barrel, fovDeg, aspect) {
-  const up = Math.tan((fovDeg * Math.PI) / 360), corner = 1 + aspect * aspect;
+  const up = Math.tan((fovDeg * Math.PI) / 360), corner = 1 + Math.max(aspect, LEAST_ASPECT) ** 2;
   let share = 0; // k1 · up²
   for (let i = 0; i < 60; i++) share = -barrel / (corner * (1 + share) ** 2);
-  const k1 = share / (up * up), high = up * (1 + share), to = high * Math.sqrt(corner);
+  const k1 = share / (up * up), high = up * (1 + share), to = high * Math.hypot(1, aspect);
   const wider = straightened(to, k1) / to;
   return { k1, reach: [high * aspect, high], edge: [high * aspect * wider, high * wider], wider };
 }

@@ -115,6 +115,8 @@ export function help(profile) {
   rows.push(profile === "wasd" ? ["Shift", "three times as fast"] : ["Shift", "turns 22.5 times as far"]);
   for (const [code, { says }] of Object.entries(COMMANDS)) rows.push([label(code), says]);
   rows.push(["drag", "look around"], ["wheel", "insert, withdraw"], ["click", "into the region that was clicked"], ["drag while painting", "paints; with Shift it turns"]);
+  rows.push(["touch", "one finger looks, two spread to insert and close to withdraw"], ["gamepad", "left stick moves, right stick looks, triggers up and down, shoulder buttons roll"]);
+  rows.push(["outside, once it has the focus", "arrows turn it, + and − come nearer and go away"]);
   return rows;
 }
 

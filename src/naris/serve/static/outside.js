@@ -7,6 +7,9 @@ import { setCamera } from "./inside.js";
 const SHAFT_MM = 60, SHAFT_RADIUS_MM = 1.3, VIEW_MM = 9;
 const TRAIL_POINTS = 4000, TRAIL_STEP_MM = 0.25;
 const TURN_PER_PX = 0.008, ZOOM_PER_STEP = 1.1, WHEEL_PX = 100;
+const TURN_PER_KEY = 0.1;
+const ORBITS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }; // as a drag there does
+const ZOOMS = { "+": 1 / ZOOM_PER_STEP, "=": 1 / ZOOM_PER_STEP, "-": ZOOM_PER_STEP };
 
 export class Outside {
   constructor(canvas, geometry, palette, surface) {
@@ -146,6 +149,7 @@ export class Outside {
     this.dragged = 0;
     canvas.addEventListener("pointerdown", (event) => {
       if (stroke) return;
+      canvas.focus();
       const met = this.brush && !event.shiftKey && this.hit(event);
       if (met) {
         stroke = { pointer: event.pointerId, brush: this.brush };
@@ -177,6 +181,15 @@ export class Outside {
         from = null;
       });
     }
+    canvas.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      const turn = ORBITS[event.code], zoom = ZOOMS[event.key];
+      if (!turn && !zoom) return; // all else steers the scope from here, too
+      event.preventDefault();
+      event.stopPropagation();
+      if (turn) this.orbit(turn[0] * TURN_PER_KEY, turn[1] * TURN_PER_KEY);
+      else this.zoom(zoom);
+    });
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
       this.zoom(ZOOM_PER_STEP ** (event.deltaY / WHEEL_PX));

@@ -6,7 +6,7 @@ const THUMB = { width: 128, height: 96 };
 const MOST_TRIES = 3;
 
 export class Strip {
-  /** `host` has: pose(), fovDeg(), go(pose), say(text, isWrong), changed(keyframes). */
+  /** `host` has: pose(), lens() as the server takes it, go(pose), say(text, isWrong), changed(keyframes). */
   constructor(list, host) {
     this.list = list;
     this.host = host;
@@ -133,7 +133,7 @@ export class Strip {
   }
 
   async #picture(one) {
-    one.picture ??= askPicture("/api/frame", { pose: one.pose, fov_deg: this.host.fovDeg(), ...THUMB }).then((picture) =>
+    one.picture ??= askPicture("/api/frame", { pose: one.pose, ...this.host.lens(), ...THUMB }).then((picture) =>
       URL.createObjectURL(picture));
     return one.picture;
   }

@@ -1,0 +1,159 @@
+// Everything in the page that can be pressed, chosen or slid.
+
+import { $, say, state } from "./desk.js";
+import { exact } from "./exact.js";
+import { help, PROFILES } from "./keys.js";
+import { takeAll } from "./model.js";
+import { painting, saveRegions } from "./painting.js";
+import { wallInside } from "./pointers.js";
+import { fly, flyInto, listPlaces, play } from "./travel.js";
+import { exported, simulate } from "./work.js";
+
+export function controls(page) {
+  const { flight, keys, about, inside } = page;
+  listPlaces(page);
+  $("places").addEventListener("change", (event) => {
+    const k = Number(event.target.value);
+    fly(page, k ? about.places[k - 1].pose : page.start.pose);
+    $("inside-canvas").focus();
+  });
+  $("regions").replaceChildren(...about.regions.map((one, number) => regionItem(page, one, number)));
+  const commands = {
+    save: () => page.strip.save(),
+    undo: () => {
+      state.flying = state.playing = null;
+      if (!flight.undo()) say("there is no way back");
+    },
+    exact: () => exact(page),
+    play: () => play(page),
+    through: () => {
+      $("through").checked = flight.throughWalls = !flight.throughWalls;
+    },
+    home: () => fly(page, page.start.pose),
+    brush: () => painting(page),
+    dab: () => {
+      if (!page.brush.isOn) return say("press B first to paint", true);
+      if (page.brush.stroke) return;
+      page.brush.begin(wallInside(page, [0, 0, 1]).place);
+      page.brush.end();
+    },
+    help: () => showHelp(keys.profile),
+    ...Object.fromEntries([0, 30, 45, 70].map((angle) => [`optics${angle}`, () => {
+      $("optics").value = String(angle);
+      optics(flight);
+    }])),
+  };
+  keys.onCommand = (name) => commands[name]();
+  keys.onStep = (move, turn) => {
+    if (state.flying) return;
+    flight.turn(turn);
+    flight.move(move);
+  };
+  for (const [name, says] of Object.entries(PROFILES)) {
+    const option = document.createElement("option");
+    option.value = name;
+    option.textContent = says;
+    $("profile").append(option);
+  }
+  $("profile").value = keys.profile = localStorage.getItem("naris-keys") in PROFILES ? localStorage.getItem("naris-keys") : "wasd";
+  $("profile").addEventListener("change", () => {
+    keys.releaseAll();
+    keys.profile = $("profile").value;
+    localStorage.setItem("naris-keys", keys.profile);
+    $("inside-canvas").focus();
+  });
+  slider("fov", "fov-out", (v) => `${v}°`, (v) => (state.fov = v));
+  slider("barrel", "barrel-out", (v) => `${v} %`, (v) => (inside.barrel = v / 100));
+  slider("light", "light-out", (v) => `${(2 ** v).toFixed(1)}×`, (v) => (inside.brightness = 2 ** v));
+  slider("tint", "tint-out", (v) => `${v} %`, (v) => (inside.tint = v / 100));
+  for (const id of ["slices", "slices-controls"]) $(id).hidden = page.slices === null;
+  slider("span", "span-out", (v) => `${v} mm`, (v) => page.slices?.set("span_mm", v));
+  slider("level", "level-out", (v) => `${v} HU`, (v) => page.slices?.set("level", v));
+  slider("window", "window-out", (v) => `${v} HU`, (v) => page.slices?.set("width", v));
+  slider("brush-radius", "brush-radius-out", (v) => `${v} mm`, (v) => (page.brush.radius = v));
+  slider("post", "post-out", (v) => `${v}°`, () => optics(flight));
+  $("optics").addEventListener("change", () => optics(flight));
+  $("through").addEventListener("change", () => (flight.throughWalls = $("through").checked));
+  for (const [id, name] of [["save", "save"], ["undo", "undo"], ["exact-button", "exact"], ["play", "play"], ["brush", "brush"], ["help-button", "help"]]) {
+    $(id).addEventListener("click", commands[name]);
+  }
+  $("help-close").addEventListener("click", () => $("help").close());
+  $("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+  $("import").addEventListener("click", () => $("file").click());
+  $("file").addEventListener("change", () => {
+    takeAll(page, [...$("file").files]);
+    $("file").value = "";
+  });
+  for (const [id, kind, name] of [["export-json", "json", "keyframes.json"], ["export-original", "original", "keyframes.zip"]]) {
+    $(id).addEventListener("click", () => exported(page, kind, name));
+  }
+  $("brush-row").hidden = !about.regions.length;
+  $("brush-region").replaceChildren(...about.regions.map(({ name }, k) => new Option(name, k)));
+  $("brush-region").addEventListener("change", () => (page.brush.region = Number($("brush-region").value)));
+  $("brush-undo").addEventListener("click", () => page.brush.undo());
+  $("brush-save").addEventListener("click", () => saveRegions(page));
+  $("simulate-row").hidden = !page.start.hasSimulate;
+  $("simulate").addEventListener("click", () => simulate(page));
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || isTyping(event.target) || $("help").open) return;
+    if (keys.press(event.code, event.shiftKey, event.key, event.repeat)) event.preventDefault();
+  });
+  document.addEventListener("keyup", (event) => {
+    keys.release(event.code);
+    keys.haste = event.shiftKey;
+  });
+  addEventListener("blur", () => keys.releaseAll());
+}
+
+function isTyping(element) {
+  return element instanceof HTMLElement && element.matches("input:not([type=checkbox]), select, textarea, video");
+}
+
+function slider(id, out, words, act) {
+  const set = () => {
+    $(out).textContent = words(Number($(id).value));
+    act(Number($(id).value));
+    state.look++;
+  };
+  $(id).addEventListener("input", set);
+  set();
+}
+
+function optics(flight) {
+  flight.setOptics(Number($("optics").value), Number($("post").value));
+}
+
+function regionItem(page, one, number) {
+  const item = document.createElement("li");
+  item.dataset.number = number;
+  const go = document.createElement("button");
+  go.type = "button";
+  const swatch = document.createElement("span");
+  swatch.className = "swatch";
+  swatch.style.background = one.colour;
+  const label = document.createElement("span");
+  label.className = "label";
+  label.textContent = one.name;
+  const meter = document.createElement("meter");
+  meter.hidden = true;
+  meter.setAttribute("aria-label", `probability of ${one.name}`);
+  go.append(swatch, label, meter);
+  go.title = `fly into ${one.name}`;
+  go.addEventListener("click", () => flyInto(page, number));
+  item.append(go);
+  return item;
+}
+
+function showHelp(profile) {
+  $("help-table").replaceChildren(...help(profile).map((row) => {
+    const line = document.createElement("tr");
+    line.append(...row.map((text) => Object.assign(document.createElement("td"), { textContent: text })));
+    return line;
+  }));
+  $("help").showModal();
+}
+
+export function theme(name) {
+  document.documentElement.dataset.theme = name;
+  localStorage.setItem("naris-theme", name);
+}
