@@ -228,6 +228,132 @@ def test_a_drag_in_the_brush_paints_the_wall_and_turns_nothing(
     assert browser.execute_script("return naris.page.outside.turn[0]") != turned[0]
 
 
+def _finger(browser: Any, kind: str, *points: tuple[float, float]) -> None:
+    touched = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(points)]
+    browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touched})
+
+
+@pytest.fixture
+def middle(run: Callable[..., Any]) -> tuple[float, float]:
+    """Of what the scope sees, in the page."""
+    x, y = run(
+        "const box = document.getElementById('inside-canvas').getBoundingClientRect();"
+        "return [box.x + box.width / 2, box.y + box.height / 2]"
+    )
+    return x, y
+
+
+def _ahead(run: Callable[..., Any]) -> list[float]:
+    return list(run("const p = naris.pose(); return [0, 1, 2].map(i => p[i][3] + 6 * p[i][2])"))
+
+
+def test_the_roll_is_told_from_upright(run: Callable[..., Any]) -> None:
+    level = Pose.look(np.zeros(3), np.array([0.0, -1, 0]), np.array([0.0, 0, 1]), "LPS")
+    for turned in (0.0, 30.0, -120.0):
+        pose = level @ Pose.exp(np.array([0, 0, 0, 0, 0, np.deg2rad(turned)]), CAMERA, CAMERA)
+        run("naris.go(arguments[0])", pose.matrix.reshape(4, 4).tolist())
+        assert run("return naris.roll()") == pytest.approx(turned, abs=1e-6)
+    down = Pose.look(np.zeros(3), np.array([0.0, 0, -1]), np.array([0.0, 1, 0]), "LPS")
+    run("naris.go(arguments[0])", down.matrix.reshape(4, 4).tolist())
+    assert run("return naris.roll()") is None
+
+
+@pytest.mark.parametrize("by", ["mouse", "finger"])
+def test_a_drag_takes_what_is_seen_along(
+    run: Callable[..., Any], browser: Any, middle: tuple[float, float], by: str
+) -> None:
+    """To the right and down by 30 and 20 pixels: so does what lay in the middle, and nothing is clicked."""
+    point, place = _ahead(run), run("return naris.pose().map(row => row[3])")
+    x, y = middle
+    if by == "finger":
+        _finger(browser, "touchStart", (x, y))
+        for k in range(1, 6):
+            _finger(browser, "touchMove", (x + 6 * k, y + 4 * k))
+        _finger(browser, "touchEnd")
+    else:
+        for kind, k in [("mousePressed", 0), *(("mouseMoved", k) for k in range(1, 6)), ("mouseReleased", 5)]:
+            browser.execute_cdp_cmd(
+                "Input.dispatchMouseEvent",
+                {"type": kind, "x": x + 6 * k, "y": y + 4 * k, "button": "left", "buttons": 1, "clickCount": 1},
+            )
+    until(lambda: run("return naris.project(arguments[0])[0]", point) > 0.05)
+    right, down = run("return naris.project(arguments[0])", point)
+    assert right == pytest.approx(1.5 * down, rel=0.05)
+    assert run("return naris.pose().map(row => row[3])") == pytest.approx(place)
+
+
+def test_two_fingers_that_spread_insert_and_that_close_withdraw(
+    run: Callable[..., Any], browser: Any, middle: tuple[float, float]
+) -> None:
+    x, y = middle
+    ways = []
+    for apart in ([40, 60, 80], [80, 60, 40]):
+        before = run("return naris.page.flight.inserted")
+        _finger(browser, "touchStart", (x - apart[0], y), (x + apart[0], y))
+        for one in apart[1:]:
+            _finger(browser, "touchMove", (x - one, y), (x + one, y))
+        _finger(browser, "touchEnd")
+        ways.append(run("return naris.page.flight.inserted") - before)
+    assert ways[0] > 1 and ways[1] < -1
+    assert ways[0] == pytest.approx(0.05 * 80, rel=0.3)  # walls may stop it a little before
+
+
+def test_a_wheel_inserts_when_it_is_turned_away(
+    run: Callable[..., Any], browser: Any, middle: tuple[float, float]
+) -> None:
+    x, y = middle
+    for turned, sign in ((-100, 1), (100, -1)):
+        before = run("return naris.page.flight.inserted")
+        browser.execute_cdp_cmd(
+            "Input.dispatchMouseEvent", {"type": "mouseWheel", "x": x, "y": y, "deltaX": 0, "deltaY": turned}
+        )
+        until(lambda: run("return naris.page.flight.inserted") != before)  # noqa: B023
+        assert run("return naris.page.flight.inserted") - before == pytest.approx(sign * 0.6, rel=0.3)
+
+
+@pytest.mark.parametrize(("stick", "axis", "sign"), [(0, 0, -1), (2, 0, -1), (3, 1, -1)])
+def test_a_gamepad_steers_as_its_sticks_point(run: Callable[..., Any], stick: int, axis: int, sign: int) -> None:
+    """A browser without one is told of one: what its sticks say, the scope does."""
+    point = _ahead(run)
+    after = run(
+        "const axes = [0, 0, 0, 0]; axes[arguments[1]] = 0.9;"
+        "const real = navigator.getGamepads;"
+        "navigator.getGamepads = () => [null, { connected: true, axes, buttons: [] }];"
+        "try { naris.step(0.1); } finally { navigator.getGamepads = real; }"
+        "return naris.project(arguments[0])", point, stick,
+    )  # fmt: skip
+    assert sign * after[axis] > 0.004
+    assert abs(after[1 - axis]) < 1e-3
+
+
+def test_a_gamepad_inserts_rolls_and_rests(run: Callable[..., Any]) -> None:
+    inserted, rolled, still = run(
+        "const real = navigator.getGamepads, flight = naris.page.flight;"
+        "const told = (axes, pressed = []) => { navigator.getGamepads = () => [{ connected: true, axes,"
+        "  buttons: [...Array(8).keys()].map(k => ({ value: pressed.includes(k) ? 1 : 0 })) }]; naris.step(0.1); };"
+        "try { told([0, -1, 0, 0]); const inserted = flight.inserted; const a = naris.pose();"
+        "  told([0.1, -0.1, 0.1, 0.1]); const still = JSON.stringify(naris.pose()) === JSON.stringify(a);"
+        "  told([0, 0, 0, 0], [5]); const b = naris.pose();"
+        "  return [inserted, [0, 1, 2].reduce((sum, i) => sum + b[i][0] * a[i][1], 0), still];"
+        "} finally { navigator.getGamepads = real; }"
+    )
+    assert inserted > 0.1
+    assert rolled == pytest.approx(np.sin(np.deg2rad(4.5)))  # 45°/s, clockwise: x towards y
+    assert still  # sticks never rest quite at 0
+
+
+def test_the_outside_view_has_keys_of_its_own(run: Callable[..., Any], browser: Any) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    canvas = browser.find_element("id", "outside-canvas")
+    before = run("return [naris.pose(), naris.page.outside.turn.slice(), naris.page.outside.reach]")
+    canvas.send_keys(Keys.ARROW_RIGHT, Keys.ARROW_DOWN, "+")
+    after = run("return [naris.pose(), naris.page.outside.turn, naris.page.outside.reach]")
+    assert after[0] == before[0]
+    assert np.subtract(after[1], before[1]) == pytest.approx([0.1, 0.1])
+    assert after[2] == pytest.approx(before[2] / 1.1)
+
+
 def test_keyframes_survive_a_reload_and_their_pictures_are_those_of_simulate(
     run: Callable[..., Any], browser: Any, address: str, folder: Path
 ) -> None:

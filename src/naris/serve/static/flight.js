@@ -8,6 +8,7 @@ const PUSHES = 6;
 const SPEED = { least: 1.5, most: 25, perClearance: 3 };
 const TURN_DEG_S = 45;
 const MOST_UNDO = 200;
+const LEAST_UPRIGHT = 0.05;
 
 export class Flight {
   constructor(room, pose) {
@@ -137,6 +138,12 @@ export function project(pose, point, fovDeg) {
   if (z <= 0) return null;
   const scale = 1 / Math.tan(radians(fovDeg) / 2);
   return [(scale * x) / z, (scale * y) / z];
+}
+
+/** By how much a picture is turned clockwise from upright, up being +z (degrees); null where it looks up or down. */
+export function rollOf(pose) {
+  const right = pose[2][0], down = pose[2][1];
+  return Math.hypot(right, down) < LEAST_UPRIGHT ? null : (Math.atan2(-right, -down) * 180) / Math.PI;
 }
 
 function axisOf(m) {

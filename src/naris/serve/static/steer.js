@@ -3,7 +3,7 @@
 import { unpack } from "./parcel.js";
 import { ask, askJson, onConnection } from "./talk.js";
 import { Room } from "./room.js";
-import { Flight, project } from "./flight.js";
+import { Flight, project, rollOf } from "./flight.js";
 import { Keys } from "./keys.js";
 import { geometryOf, Inside, lensOf, paletteOf } from "./inside.js";
 import { Outside } from "./outside.js";
@@ -173,9 +173,10 @@ function told(page, pose) {
   const label = room.region(flight.position);
   $("here").textContent = label < 0 ? (about.regions.length ? "in no region" : "") : about.regions[label].name;
   for (const item of $("regions").children) item.setAttribute("aria-current", String(Number(item.dataset.number) === label));
-  const p = flight.position.map((one) => one.toFixed(1)).join(", ");
+  const p = flight.position.map((one) => one.toFixed(1)).join(", "), roll = rollOf(pose);
   $("numbers").textContent =
-    `${p} mm (${about.frame}) · wall ${room.distance(flight.position).toFixed(1)} mm · inserted ${flight.inserted.toFixed(1)} mm`;
+    `${p} mm (${about.frame}) · wall ${room.distance(flight.position).toFixed(1)} mm · ` +
+    `inserted ${flight.inserted.toFixed(1)} mm · roll ${roll === null ? "–" : `${Math.round(roll)}°`}`;
 }
 
 /** What was said of where the scope was is of no use here: it fades, and answers that are on their way do not count. */
@@ -219,6 +220,7 @@ function expose(page) {
     step: (seconds) => step(page, seconds, performance.now()),
     lens: lensOf,
     take: (file) => take(page, file),
+    roll: () => rollOf(page.flight.pose),
     project: (point) => project(page.flight.pose, point, state.fov),
     distance: () => page.room.distance(page.flight.position),
     region: () => page.room.region(page.flight.position),
