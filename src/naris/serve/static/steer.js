@@ -72,8 +72,8 @@ async function begin() {
   controls(page);
   pointers(page);
   dropping(page);
+  sizes(page); // thumbnails are asked for with the lens, which is told by the shape of the view
   await page.strip.load();
-  sizes(page);
   for (const id of ["inside-canvas", "outside-canvas"]) new ResizeObserver(() => sizes(page)).observe($(id));
   onConnection((lost) => ($("lost").hidden = !lost));
   watch();

@@ -133,8 +133,12 @@ export class Strip {
   }
 
   async #picture(one) {
-    one.picture ??= askPicture("/api/frame", { pose: one.pose, ...this.host.lens(), ...THUMB }).then((picture) =>
-      URL.createObjectURL(picture));
+    one.picture ??= askPicture("/api/frame", { pose: one.pose, ...this.host.lens(), ...THUMB })
+      .then((picture) => URL.createObjectURL(picture))
+      .catch((error) => {
+        one.picture = null; // asked for again when it is shown again
+        throw error;
+      });
     return one.picture;
   }
 }
