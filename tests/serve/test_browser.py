@@ -375,7 +375,7 @@ def test_keyframes_survive_a_reload_and_their_pictures_are_those_of_simulate(
     browser.execute_script("naris.state.paused = true")
     until(lambda: browser.execute_script("return document.querySelectorAll('#strip li').length") == 2)
     pictures = "return [...document.querySelectorAll('#strip img')].map(one => one.naturalWidth)"
-    until(lambda: browser.execute_script(pictures) == [128, 128])
+    until(lambda: browser.execute_script(pictures) == [192, 192])
     browser.execute_script(
         "const set = (id, value) => { const one = document.getElementById(id); one.value = value;"
         "one.dispatchEvent(new Event('input')); };"

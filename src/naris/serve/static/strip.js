@@ -2,7 +2,7 @@
 
 import { askJson, askPicture, Refused } from "./talk.js";
 
-const THUMB = { width: 128, height: 96 };
+const THUMB = { width: 192, height: 144 };
 const MOST_TRIES = 3;
 
 export class Strip {
