@@ -17,7 +17,9 @@ JUMP = 0.12
 """Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
 _EDGE_RGB = (60, 255, 120)
 _REFUSED_RGB, _WARNING = (150, 20, 20), "REFUSED: the best guess, not to be used"
-_LEAST_WIDE, _FRAMES, _HEADS = 240, 80, 5  # of the frame: how many go into the pair, and into the head
+_HALVES = "what was seen, with walls as guessed", "what a camera there would see"
+_WHITE = (255, 255, 255)
+_LEAST_WIDE, _FRAMES, _HEADS, _FEET = 240, 80, 5, 3  # of the frame: how many go into the pair, the head and the foot
 _FAR_SHARE = 0.98
 _BLINK_MS = 600
 
@@ -62,11 +64,15 @@ def refused(
     larger = -(-_LEAST_WIDE // picture.shape[1])
     pair = np.concatenate([overlay(picture, depth), rgb], axis=1).repeat(larger, axis=0).repeat(larger, axis=1)
     side = pair.shape[1] // _FRAMES
-    head = _HEADS * side
-    framed = np.full((len(pair) + head + side, pair.shape[1] + 2 * side, 3), _REFUSED_RGB, np.uint8)
-    framed[head:-side, side:-side] = pair
+    head, foot = _HEADS * side, _FEET * side
+    framed = np.full((len(pair) + head + foot, pair.shape[1] + 2 * side, 3), _REFUSED_RGB, np.uint8)
+    framed[head:-foot, side:-side] = pair
     made = Image.fromarray(framed)
-    ImageDraw.Draw(made).text((side, side), _WARNING, fill=(255, 255, 255), font_size=head - 2 * side)
+    draw = ImageDraw.Draw(made)
+    draw.text((side, side), _WARNING, fill=_WHITE, font_size=head - 2 * side)
+    for half, told in enumerate(_HALVES):
+        place = side + half * pair.shape[1] // 2, len(framed) - foot + side // 2
+        draw.text(place, told, fill=_WHITE, font_size=foot - side)
     return np.asarray(made)
 
 
