@@ -1,11 +1,16 @@
 // The walls as naris draws them: naris.render.shading, formula by formula, for the graphics card.
 
-// What every corner of the surface brings.
+// What every corner of the surface brings. Colours of regions are mixed between corners: borders follow no triangles.
 const CORNER = /* glsl */ `
 precision highp float;
 in vec3 position;
 in vec3 normal;
 in float region;
+uniform sampler2D palette;
+out vec3 vTint;
+vec3 colourOf(float number) {
+  return texelFetch(palette, ivec2(int(number + 0.5), 0), 0).rgb;
+}
 uniform mat4 modelViewMatrix;
 uniform mat4 projectionMatrix;
 `;
@@ -14,11 +19,10 @@ uniform mat4 projectionMatrix;
 export const WALL_VERTEX = /* glsl */ `
 ${CORNER}out vec3 vPoint;
 out vec3 vNormal;
-flat out float vRegion;
 void main() {
   vPoint = position;
   vNormal = normal;
-  vRegion = region;
+  vTint = colourOf(region);
   gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
 }`;
 
@@ -27,7 +31,7 @@ precision highp float;
 precision highp sampler3D;
 in vec3 vPoint;
 in vec3 vNormal;
-flat in float vRegion;
+in vec3 vTint;
 out vec4 light;
 
 uniform vec3 eye;         // mm, in the anatomy
@@ -36,7 +40,7 @@ uniform vec3 axis;        // unit, where the camera looks
 uniform vec2 size;        // pixels
 uniform float perPixel;   // size of a pixel at 1 mm
 uniform sampler3D tissue, relief;
-uniform sampler2D ramp, spot, palette;
+uniform sampler2D ramp, spot;
 uniform mat3 turn;
 uniform vec3 tissuePlace, reliefPlace;
 uniform float tissuePerMm, reliefPerMm, edge, steps, rampBlood;
@@ -100,9 +104,8 @@ void main() {
   vec2 at = (gl_FragCoord.xy - 0.5 * size) / (0.5 * size.y);
   float corner = 1.0 + (size.x / size.y) * (size.x / size.y);
   float open = max(1.0 - vignette * dot(at, at) / corner, 0.0);
-  vec3 colour = texture(palette, vec2((vRegion + 0.5) / 256.0, 0.5)).rgb;
   float grey = dot(total, vec3(0.30, 0.59, 0.11));
-  light = vec4(mix(total, grey * colour * 2.0, tint) * open * brightness, 1.0);
+  light = vec4(mix(total, grey * vTint * 2.0, tint) * open * brightness, 1.0);
 }`;
 
 /** From light to grey levels: the gain of the exposure and the tone curve. */
@@ -164,12 +167,11 @@ void main() {
 export const GLASS_VERTEX = /* glsl */ `
 ${CORNER}out vec3 vNormal;
 out vec3 vView;
-flat out float vRegion;
 void main() {
   vec4 there = modelViewMatrix * vec4(position, 1.0);
   vNormal = mat3(modelViewMatrix) * normal;
   vView = -there.xyz;
-  vRegion = region;
+  vTint = colourOf(region);
   gl_Position = projectionMatrix * there;
 }`;
 
@@ -177,13 +179,11 @@ export const GLASS_FRAGMENT = /* glsl */ `
 precision highp float;
 in vec3 vNormal;
 in vec3 vView;
-flat in float vRegion;
+in vec3 vTint;
 out vec4 colour;
-uniform sampler2D palette;
 uniform float density;
 void main() {
   float facing = abs(dot(normalize(vNormal), normalize(vView)));
   float edge = pow(1.0 - facing, 2.0);
-  vec3 tint = texture(palette, vec2((vRegion + 0.5) / 256.0, 0.5)).rgb;
-  colour = vec4(tint * (0.55 + 0.45 * facing), density * (0.25 + 0.75 * edge));
+  colour = vec4(vTint * (0.55 + 0.45 * facing), density * (0.25 + 0.75 * edge));
 }`;
