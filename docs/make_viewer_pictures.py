@@ -79,13 +79,15 @@ def along(nose: Anatomy) -> Pose:
 def picture(driver: Any, out: Path, theme: str, pose: np.ndarray, tint: float) -> None:
     """The page as it is with the scope at a pose, and walls coloured by region as strongly as `tint` says."""
     driver.execute_script(
-        "document.documentElement.dataset.theme = arguments[0]; const slider = document.getElementById('tint');"
+        "if (document.documentElement.dataset.theme !== arguments[0]) document.getElementById('theme').click();"
+        "const slider = document.getElementById('tint');"
         "slider.value = 100 * arguments[1]; slider.dispatchEvent(new Event('input')); naris.go(arguments[2])",
         theme,
         tint,
         pose.tolist(),
     )
-    until(lambda: driver.execute_script("return [...document.images].filter(i => i.src).every(i => i.complete)"))
+    thumbnails = "return [...document.querySelectorAll('#strip img')].every(one => one.naturalWidth > 0)"
+    until(lambda: driver.execute_script(thumbnails))
     time.sleep(REST_S)
     shot = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
     shot.thumbnail((1600, 1600), Image.Resampling.LANCZOS)

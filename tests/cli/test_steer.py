@@ -64,6 +64,7 @@ def test_it_serves_until_ctrl_c(tube: Path, tmp_path: Path) -> None:
         (["steer", "nothing-there"], "nothing-there"),
         (["steer", "builtin", "--port", "70000"], "a port from 0 to 65535"),
         (["steer", "TUBE", "--model", "nothing-there"], "nothing-there"),
+        (["steer", "TUBE", "--keyframes", "no-folder/k.json"], "a folder to keep k.json in, got no no-folder; make it"),
     ],
 )
 def test_bad_input_is_one_sentence(words: list[str], said: str, tube: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -101,20 +101,27 @@ def test_the_page_paints_and_what_it_saves_is_a_region_set(
     answer = client.post("/api/regions/paint", json={"region": number, "radius_mm": 4, "points": [at.tolist()]})
     assert answer.status_code == 200, answer.text
     about, arrays = unpacked(answer.content)
-    assert about["changed"] > 0 and about["undoable"] == 1
+    assert about["changed"] > 0 and about["undoable"] == 1 and not about["saved"]
     # Whoever loads the page now sees the same.
     surface = unpacked(client.get("/api/parcel/surface").content)
     np.testing.assert_array_equal(surface[1]["region"], arrays["surface"])
     np.testing.assert_array_equal(unpacked(client.get("/api/parcel/room").content)[1]["region"], arrays["room"])
     assert surface[0]["places"] == about["places"]
     files = [client.post("/api/regions/save").json()["file"] for _ in range(2)]
-    assert files == ["regions-1.json", "regions-1.json"] and viewer.painted_file() == tmp_path / files[0]
+    assert client.get("/api/start").json()["brush"]["saved"]
+    for path, body in (
+        ("paint", {"region": (number + 1) % 4, "radius_mm": 4, "points": [at.tolist()]}),
+        ("undo", {"strokes": 2}),
+    ):
+        client.post(f"/api/regions/{path}", json=body)
+    files.append(client.post("/api/regions/save").json()["file"])  # as it was: in the same file
+    assert files == 3 * ["regions-1.json"] and viewer.painted_file() == tmp_path / files[0]
     saved = read_regions(tmp_path / files[0])
     assert isinstance(saved, GridRegions) and saved.frame == anatomy.frame and saved.label(at) == number
     assert saved.name != anatomy.region_set().name
     assert viewer.regions is not None
     np.testing.assert_array_equal(saved.label(anatomy.vertices_mm), viewer.regions.label(anatomy.vertices_mm))
-    assert client.get("/api/start").json()["undoable"] == 1
+    assert client.get("/api/start").json()["brush"]["undoable"] == 1
     undone = unpacked(client.post("/api/regions/undo", json={"strokes": 1}).content)
     assert undone[0]["undoable"] == 0
     again = unpacked(client.post("/api/regions/undo", json={"strokes": 1}).content)

@@ -186,6 +186,56 @@ def test_export_comes_back(client: TestClient, anatomy: Anatomy, tmp_path: Path)
     assert client.get("/api/keyframes/export/xml").status_code == 404
 
 
+def test_a_zip_of_texts_comes_back_in_the_order_of_their_numbers(client: TestClient, anatomy: Anatomy) -> None:
+    poses = along(anatomy, 12)
+    kept(client, poses)
+    whole = client.get("/api/keyframes/export/original").content
+    taken = client.post("/api/keyframes/import?name=keyframes.zip", content=whole).json()["keyframes"]
+    np.testing.assert_allclose([one["pose"] for one in taken], poses.matrix, atol=1e-4)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(whole)) as before, zipfile.ZipFile(buffer, "w") as after:
+        first = before.read(before.namelist()[0])
+        for name in ("10.txt", "9.txt", "read me.md"):
+            after.writestr(f"folder/{name}", first)
+    taken = client.post("/api/keyframes/import?name=a.ZIP", content=buffer.getvalue()).json()["keyframes"]
+    assert [one["name"] for one in taken] == ["9", "10"]
+
+
+@pytest.mark.parametrize("content", [b"no archive", b""])
+def test_what_is_no_zip_of_texts_is_refused(client: TestClient, content: bytes) -> None:
+    answer = client.post("/api/keyframes/import?name=a.zip", content=content)
+    assert answer.status_code == 400 and "a ZIP archive of .txt files" in answer.json()["error"]
+    empty = io.BytesIO()
+    zipfile.ZipFile(empty, "w").close()
+    assert "got none in it" in client.post("/api/keyframes/import?name=a.zip", content=empty.getvalue()).json()["error"]
+
+
+def test_a_simulation_that_is_stopped_leaves_nothing(client: TestClient, viewer: Viewer, anatomy: Anatomy) -> None:
+    def simulate(
+        keyframes: Path, folder: Path, painted: Path | None, asked: SimulationAsked, progress: Progress
+    ) -> int:
+        folder.mkdir()
+        with progress.task("pictures", 1000) as advance:
+            for k in range(1000):
+                (folder / f"{k}.png").touch()
+                advance(1)
+                time.sleep(0.01)
+        return 1000
+
+    viewer.simulate = simulate
+    kept(client, along(anatomy, 2))
+    client.post("/api/simulate", json={})
+    folder = viewer.keyframes.with_name("keyframes-pictures")
+    while not folder.exists():
+        time.sleep(0.01)
+    client.post("/api/simulate/stop", json={})
+    told = viewer.stop(wait_s=10)
+    assert not told["running"] and "none is kept" in told["said"]
+    assert not folder.exists()
+    assert client.post("/api/simulate", json={}).json()["running"]  # and another may begin
+    viewer.stop(wait_s=10)
+
+
 def test_the_trajectory_is_that_of_simulate(client: TestClient, anatomy: Anatomy) -> None:
     poses = along(anatomy, 3)
     kept(client, poses)

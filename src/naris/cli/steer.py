@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from naris.serve.viewer import Locate, Simulate
 
 
+_WAIT_S = 10.0  # for a simulation to end, so that nothing half made stays
+
+
 @dataclass(frozen=True)
 class Options:
     """What to look at."""
@@ -50,6 +53,8 @@ def run(options: Options, console: Console) -> int:
 
     if not 0 <= options.port < 65_536:
         raise InputError("a port from 0 to 65535", f"{options.port}", "name another")
+    if not options.keyframes.parent.is_dir():
+        raise InputError(f"a folder to keep {options.keyframes.name} in", f"no {options.keyframes.parent}", "make it")
     check_writable(options.keyframes)
     try:
         anatomy, regions = open_anatomy(options.anatomy, options.regions)
@@ -81,6 +86,8 @@ def run(options: Options, console: Console) -> int:
     try:
         serve(application(viewer), options.port, ready)
     finally:
+        if viewer.work.running:
+            console.log.warning("%s", viewer.stop(wait_s=_WAIT_S)["said"])
         painted = viewer.painted_file()
         if painted is not None:
             console.log.warning("painted regions are in %s", painted)

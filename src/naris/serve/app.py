@@ -27,6 +27,7 @@ _MODULES = (
     "flight",
     "inside",
     "keys",
+    "merge",
     "model",
     "outside",
     "painting",
@@ -38,6 +39,7 @@ _MODULES = (
     "steer",
     "strip",
     "talk",
+    "touch",
     "travel",
     "video",
     "work",
@@ -117,6 +119,7 @@ def _keyframes(app: FastAPI, viewer: Viewer) -> None:
     app.add_api_route("/api/trajectory", trajectory, methods=["GET"], response_model=None)
     app.add_api_route("/api/simulate", work, methods=["GET"], response_model=None)
     app.add_api_route("/api/simulate", viewer.begin, methods=["POST"], response_model=None)
+    app.add_api_route("/api/simulate/stop", lambda: JSONResponse(viewer.stop()), methods=["POST"], response_model=None)
 
 
 def _painting(app: FastAPI, viewer: Viewer) -> None:

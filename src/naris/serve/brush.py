@@ -51,12 +51,16 @@ class Brush:
 
     def state(self, changed: int = 0, file: str = "") -> dict[str, Any]:
         """What the page is told beside the regions: voxels that changed, strokes that can be taken back, and a file."""
-        return {"changed": changed, "undoable": len(self._before), "file": file}
+        return {"changed": changed, "undoable": len(self._before), "saved": self.is_saved, "file": file}
 
     @property
     def is_saved(self) -> bool:
         """Whether what is painted is in a file, or nothing is."""
-        return not self._before if self._saved is None else self._saved[0] is self.regions
+        return not self._before if self._saved is None else self._is_as_saved
+
+    @property
+    def _is_as_saved(self) -> bool:
+        return self._saved is not None and np.array_equal(self._saved[0].labels, self.regions.labels)
 
     def paint(self, number: int, radius_mm: float, points_mm: Sequence[Sequence[float]]) -> int:
         """One stroke: the region of that number around each of the points; gives how many voxels changed.
@@ -99,7 +103,7 @@ class Brush:
         Raises:
             RegionError: if it cannot be written.
         """
-        if self._saved is not None and self._saved[0] is self.regions and self._saved[1].exists():
+        if self._saved is not None and self._is_as_saved and self._saved[1].exists():
             return self._saved[1]
         path = next(one for k in count(1) if not (one := folder / f"regions-{k}.json").exists())
         try:

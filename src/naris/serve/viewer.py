@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import re
+import shutil
 import threading
 import zipfile
 from collections.abc import Callable, Sequence
@@ -38,10 +39,12 @@ from naris.render.keyframes import (
     write_original_keyframes,
 )
 from naris.render.scene import Scene, render
+from naris.serve.archive import texts_in
 from naris.serve.brush import Brush
 from naris.serve.messages import FrameAsked, KeyframesTold, SimulationAsked, SlicesAsked, StrokeTold, UndoTold
 from naris.serve.slices import Slices
 from naris.serve.stage import look_parcel, regions_parcel, room_parcel, start_pose, steady, surface_parcel
+from naris.serve.work import Stopped, Work
 
 _ORIGINAL = ".txt"
 
@@ -49,30 +52,6 @@ Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
 Simulate = Callable[[Path, Path, Path | None, SimulationAsked, Progress], int]
 """Pictures along the keyframes of a file, into a folder, labelled by a file of painted regions where there is one, as
 they are asked for; gives their number."""
-
-
-@dataclass
-class Work:
-    """A simulation that was begun from the page: a `naris.core.progress.Progress` that can be asked."""
-
-    done: int = 0
-    total: int = 0
-    running: bool = False
-    said: str = ""
-    folder: str = ""
-
-    def task(self, name: str, total: int) -> Work:
-        self.done, self.total = 0, total
-        return self
-
-    def __enter__(self) -> Callable[[int], None]:
-        return self._advance
-
-    def __exit__(self, *error: object) -> None:
-        return None
-
-    def _advance(self, steps: int) -> None:
-        self.done += steps
 
 
 @dataclass(eq=False)
@@ -111,6 +90,7 @@ class Viewer:
         self._making = threading.Lock()
         self._painting = threading.Lock()
         self._locating = threading.Lock()
+        self._worker: threading.Thread | None = None
 
     # --- what is looked at ------------------------------------------------------------------------------------------
 
@@ -135,7 +115,7 @@ class Viewer:
             "hasSimulate": self.simulate is not None and self.regions is not None,
             "hasSlices": self.slices is not None,
             "keyframesFile": self.keyframes.name,
-            "undoable": None if self._brush is None else self._brush.state()["undoable"],
+            "brush": None if self._brush is None else self._brush.state(),
         }
 
     def frame(self, asked: FrameAsked) -> UInt8[np.ndarray, "h w 3"]:
@@ -290,19 +270,29 @@ class Viewer:
                 f"to write {self.keyframes.name}", f"{error.strerror}", "start naris steer with another --keyframes"
             ) from error
 
-    def taken(self, text: bytes, name: str) -> list[dict[str, Any]]:
-        """The keyframes of a file, for the page to add: of ours, or, called `NAME.txt`, one of the original.
+    def taken(self, content: bytes, name: str) -> list[dict[str, Any]]:
+        """The keyframes of a file, for the page to add.
+
+        Of ours; or, called `NAME.txt`, one of the original; or of a ZIP archive of such, in the order of their names.
 
         Raises:
             KeyframeError: if it is none, or of another anatomy.
         """
+        if name.lower().endswith(".zip"):
+            rows = tuple(self._original(text, entry) for entry, text in texts_in(content, _ORIGINAL))
+            return _rows(Keyframes(rows))
+        if name.lower().endswith(_ORIGINAL):
+            return _rows(Keyframes((self._original(content, name),)))
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "the file"
+            path.write_bytes(content)
+            return _rows(read_keyframes(path, self.anatomy))
+
+    def _original(self, text: bytes, name: str) -> Keyframe:
         with TemporaryDirectory() as folder:
             path = Path(folder) / "the file"
             path.write_bytes(text)
-            if not name.lower().endswith(_ORIGINAL):
-                return _rows(read_keyframes(path, self.anatomy))
-            pose = read_original_pose(path, self.anatomy.frame)
-        return _rows(Keyframes((Keyframe(name[: -len(_ORIGINAL)], pose),)))
+            return Keyframe(name[: -len(_ORIGINAL)], read_original_pose(path, self.anatomy.frame))
 
     def exported(self, kind: str) -> bytes:
         """All keyframes as our JSON file (`json`) or as the text files of the original, zipped (`original`).
@@ -353,7 +343,15 @@ class Viewer:
                 raise InputError("one simulation at a time", "another", "wait until it has ended")
             folder = self._free_folder()
             self.work = Work(running=True, folder=folder.name)
-        threading.Thread(target=self._simulated, args=(folder, asked), daemon=True).start()
+        self._worker = threading.Thread(target=self._simulated, args=(folder, asked), daemon=True)
+        self._worker.start()
+        return self.told_work()
+
+    def stop(self, *, wait_s: float = 0.0) -> dict[str, Any]:
+        """Stops the simulation that runs, if one does: its folder, which is not whole, is removed."""
+        self.work.stopped = True
+        if self._worker is not None and wait_s > 0:
+            self._worker.join(wait_s)
         return self.told_work()
 
     def _free_folder(self) -> Path:
@@ -370,6 +368,9 @@ class Viewer:
                 regions = self.painted_file()
                 count = self.simulate(self.keyframes, folder, regions, asked, work)
                 work.said = f"{count} pictures in {folder.name}"
+        except Stopped:
+            shutil.rmtree(folder, ignore_errors=True)
+            work.said = f"stopped at {work.done} of {work.total} pictures: none is kept"
         except NarisError as error:
             work.said = str(error)
         except OSError as error:

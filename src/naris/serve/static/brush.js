@@ -63,10 +63,10 @@ export class Brush {
     return this.#ask("/api/regions/undo", () => ({ strokes: this.strokes }), null);
   }
 
-  /** Writes the set; gives the name of its file. */
+  /** Writes the set; gives its `file`, and what else the server says of the brush. */
   async save() {
     await this.sending;
-    return (await askJson("/api/regions/save", "POST", {})).file;
+    return askJson("/api/regions/save", "POST", {});
   }
 
   /** One after the other, so that the last answer is of the last stroke; one that fails stops none after it. */

@@ -2,20 +2,23 @@
 
 import { $, say, state } from "./desk.js";
 import { exact } from "./exact.js";
+import { radians, rollOf } from "./flight.js";
 import { help, PROFILES } from "./keys.js";
 import { takeAll } from "./model.js";
 import { painting, saveRegions } from "./painting.js";
 import { wallInside } from "./pointers.js";
 import { fly, flyInto, listPlaces, play } from "./travel.js";
-import { exported, simulate } from "./work.js";
+import { exported, simulate, stopSimulating } from "./work.js";
+
+const SLIDES = /^(Arrow|Page|Home$|End$)/;
 
 export function controls(page) {
-  const { flight, keys, about, inside } = page;
+  const { flight, keys, about, inside, outside } = page;
   listPlaces(page);
   $("places").addEventListener("change", (event) => {
     const k = Number(event.target.value);
     fly(page, k ? about.places[k - 1].pose : page.start.pose);
-    $("inside-canvas").focus();
+    back();
   });
   $("regions").replaceChildren(...about.regions.map((one, number) => regionItem(page, one, number)));
   const commands = {
@@ -30,6 +33,7 @@ export function controls(page) {
       $("through").checked = flight.throughWalls = !flight.throughWalls;
     },
     home: () => fly(page, page.start.pose),
+    level: () => flight.turn([0, 0, -radians(rollOf(flight.pose) ?? 0)]),
     brush: () => painting(page),
     dab: () => {
       if (!page.brush.isOn) return say("press B first to paint", true);
@@ -60,11 +64,11 @@ export function controls(page) {
     keys.releaseAll();
     keys.profile = $("profile").value;
     localStorage.setItem("naris-keys", keys.profile);
-    $("inside-canvas").focus();
+    back();
   });
   slider("fov", "fov-out", (v) => `${v}°`, (v) => (state.fov = v));
   slider("barrel", "barrel-out", (v) => `${v} %`, (v) => (inside.barrel = v / 100));
-  slider("light", "light-out", (v) => `${(2 ** v).toFixed(1)}×`, (v) => (inside.brightness = 2 ** v));
+  slider("light", "light-out", (v) => `${(2 ** v).toFixed(2)}×`, (v) => (inside.brightness = 2 ** v));
   slider("tint", "tint-out", (v) => `${v} %`, (v) => (inside.tint = v / 100));
   for (const id of ["slices", "slices-controls"]) $(id).hidden = page.slices === null;
   slider("span", "span-out", (v) => `${v} mm`, (v) => page.slices?.set("span_mm", v));
@@ -72,13 +76,21 @@ export function controls(page) {
   slider("window", "window-out", (v) => `${v} HU`, (v) => page.slices?.set("width", v));
   slider("brush-radius", "brush-radius-out", (v) => `${v} mm`, (v) => (page.brush.radius = v));
   slider("post", "post-out", (v) => `${v}°`, () => optics(flight));
-  $("optics").addEventListener("change", () => optics(flight));
+  $("optics").addEventListener("change", () => {
+    optics(flight);
+    back();
+  });
   $("through").addEventListener("change", () => (flight.throughWalls = $("through").checked));
   for (const [id, name] of [["save", "save"], ["undo", "undo"], ["exact-button", "exact"], ["play", "play"], ["brush", "brush"], ["help-button", "help"]]) {
     $(id).addEventListener("click", commands[name]);
   }
   $("help-close").addEventListener("click", () => $("help").close());
-  $("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+  $("theme").addEventListener("click", () => {
+    theme(isDark() ? "light" : "dark");
+    outside.shown(isDark());
+    state.marks++;
+  });
+  outside.shown(isDark());
   $("import").addEventListener("click", () => $("file").click());
   $("file").addEventListener("change", () => {
     takeAll(page, [...$("file").files]);
@@ -89,13 +101,17 @@ export function controls(page) {
   }
   $("brush-row").hidden = !about.regions.length;
   $("brush-region").replaceChildren(...about.regions.map(({ name }, k) => new Option(name, k)));
-  $("brush-region").addEventListener("change", () => (page.brush.region = Number($("brush-region").value)));
+  $("brush-region").addEventListener("change", () => {
+    page.brush.region = Number($("brush-region").value);
+    back();
+  });
   $("brush-undo").addEventListener("click", () => page.brush.undo());
   $("brush-save").addEventListener("click", () => saveRegions(page));
   $("simulate-row").hidden = !page.start.hasSimulate;
   $("simulate").addEventListener("click", () => simulate(page));
+  $("simulate-stop").addEventListener("click", stopSimulating);
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || isTyping(event.target) || $("help").open) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || takes(event.target, event.code) || $("help").open) return;
     if (keys.press(event.code, event.shiftKey, event.key, event.repeat)) event.preventDefault();
   });
   document.addEventListener("keyup", (event) => {
@@ -105,8 +121,16 @@ export function controls(page) {
   addEventListener("blur", () => keys.releaseAll());
 }
 
-function isTyping(element) {
-  return element instanceof HTMLElement && element.matches("input:not([type=checkbox]), select, textarea, video");
+/** The keyboard is the scope's again. */
+function back() {
+  $("inside-canvas").focus();
+}
+
+/** Whether a key is for the element that has the focus. */
+function takes(element, code) {
+  if (!(element instanceof HTMLElement)) return false;
+  if (element.matches("input[type=range]")) return SLIDES.test(code);
+  return element.matches("input:not([type=checkbox]), select, textarea, video");
 }
 
 function slider(id, out, words, act) {
@@ -116,6 +140,7 @@ function slider(id, out, words, act) {
     state.look++;
   };
   $(id).addEventListener("input", set);
+  $(id).addEventListener("pointerup", back);
   set();
 }
 
@@ -151,6 +176,11 @@ function showHelp(profile) {
     return line;
   }));
   $("help").showModal();
+  $("help").scrollTop = 0;
+}
+
+function isDark() {
+  return document.documentElement.dataset.theme === "dark";
 }
 
 export function theme(name) {

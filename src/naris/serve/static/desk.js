@@ -12,8 +12,17 @@ export const state = {
   keepUntil: 0, outsideAt: 0,
 };
 
-export function say(text, isWrong = false) {
-  $("message").textContent = text;
+/** A sentence at the top for a while; `offer` has the label of a button beside it, and what that does. */
+export function say(text, isWrong = false, offer = null) {
+  $("message").replaceChildren(text);
+  if (offer) {
+    const button = Object.assign(document.createElement("button"), { type: "button", textContent: offer.label });
+    button.addEventListener("click", () => {
+      $("message").hidden = true;
+      offer.press();
+    });
+    $("message").append(" ", button);
+  }
   $("message").className = isWrong ? "wrong" : "";
   $("message").hidden = false;
   clearTimeout(state.saying);

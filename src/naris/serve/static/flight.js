@@ -176,7 +176,7 @@ function identity() {
   return [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 }
 
-function radians(degrees) {
+export function radians(degrees) {
   return (degrees * Math.PI) / 180;
 }
 

@@ -45,6 +45,7 @@ export const COMMANDS = {
   KeyB: { name: "brush", says: "paint regions, or not" },
   KeyV: { name: "dab", says: "while painting: paint where the scope looks" },
   KeyG: { name: "through", says: "through walls, or not" },
+  KeyL: { name: "level", says: "level: roll until up is up" },
   Home: { name: "home", says: "to the start" },
   Digit1: { name: "optics0", says: "optics of 0°" },
   Digit2: { name: "optics30", says: "optics of 30°" },

@@ -39,24 +39,33 @@ export function dropping(page) {
 /** One after the other, 9 before 10: keyframes keep the order of their names. */
 export async function takeAll(page, files) {
   files.sort((a, b) => a.name.localeCompare(b.name, "en", { numeric: true }));
-  for (const file of files) await take(page, file);
+  let added = 0, outside = 0;
+  for (const file of files) {
+    const keyframes = await take(page, file);
+    added += keyframes.length;
+    outside += keyframes.filter(({ pose }) => page.room.distance(pose.slice(0, 3).map((row) => row[3])) < 0).length;
+  }
+  if (!added) return;
+  const from = files.length === 1 ? files[0].name : `${files.length} files`;
+  const told = `${added} ${added === 1 ? "keyframe" : "keyframes"} from ${from}`;
+  say(outside ? `${told}; ${outside} of them ${outside === 1 ? "is" : "are"} not in the air: are frame and unit right?` : told, outside > 0);
 }
 
-/** A file that was dropped or chosen: keyframes, or a picture or video for the model to locate. */
+/** A file that was dropped or chosen: keyframes, which it gives, or a picture or video for the model to locate. */
 export async function take(page, file) {
   try {
-    if (/\.(json|txt)$/i.test(file.name)) {
+    if (/\.(json|txt|zip)$/i.test(file.name)) {
       const { keyframes } = await sendFile(`/api/keyframes/import?name=${encodeURIComponent(file.name)}`, file);
       page.strip.add(keyframes);
-      say(`${keyframes.length} keyframes from ${file.name}`);
-      return;
+      return keyframes;
     }
-    if (!page.start.hasModel) return say("expected a model to locate with, got none: start naris steer with --model", true);
-    if (file.type.startsWith("video/") || VIDEO.test(file.name)) page.video.open(file);
+    if (!page.start.hasModel) say("expected a model to locate with, got none: start naris steer with --model", true);
+    else if (file.type.startsWith("video/") || VIDEO.test(file.name)) page.video.open(file);
     else await locate(page, file, file.name);
   } catch (error) {
     complain(error);
   }
+  return [];
 }
 
 /** Where the model believes that a picture is from: told, shown, and flown to. */

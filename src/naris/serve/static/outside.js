@@ -3,11 +3,13 @@
 import * as THREE from "./vendor/three.module.min.js";
 import { GLASS_FRAGMENT, GLASS_VERTEX } from "./shaders.js";
 import { setCamera } from "./inside.js";
+import { pinch } from "./touch.js";
 
 const SHAFT_MM = 60, SHAFT_RADIUS_MM = 1.3, VIEW_MM = 9;
 const TRAIL_POINTS = 4000, TRAIL_STEP_MM = 0.25;
 const TURN_PER_PX = 0.008, ZOOM_PER_STEP = 1.1, WHEEL_PX = 100;
 const TURN_PER_KEY = 0.1;
+const FOV_DEG = 28, FILLS = 1 / Math.sin((FOV_DEG / 2) * (Math.PI / 180)); // so far away, in radii, all is in the picture
 const ORBITS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }; // as a drag there does
 const ZOOMS = { "+": 1 / ZOOM_PER_STEP, "=": 1 / ZOOM_PER_STEP, "-": ZOOM_PER_STEP };
 
@@ -16,7 +18,7 @@ export class Outside {
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
     this.renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
     this.scene = new THREE.Scene();
-    this.camera = new THREE.PerspectiveCamera(28, 1, 1, 3000);
+    this.camera = new THREE.PerspectiveCamera(FOV_DEG, 1, 1, 3000);
     this.glass = new THREE.RawShaderMaterial({
       glslVersion: THREE.GLSL3, vertexShader: GLASS_VERTEX, fragmentShader: GLASS_FRAGMENT, side: THREE.DoubleSide,
       transparent: true, depthWrite: false, uniforms: { palette: { value: palette }, density: { value: 0.3 } },
@@ -28,7 +30,7 @@ export class Outside {
     this.middle = low.clone().add(high).multiplyScalar(0.5);
     this.radius = high.distanceTo(low) / 2;
     this.turn = [2.2, 0.35]; // from the front and the patient's right, a little from above
-    this.reach = this.radius * 3.6;
+    this.reach = this.radius * FILLS;
     this.lines = surface.about.passages.map((_, k) => this.#line(surface.arrays[`passage${k}`], 0x8a8f98));
     this.#scope();
     this.#makeTrail();
@@ -107,10 +109,11 @@ export class Outside {
 
   #stand() {
     const [angle, height] = this.turn;
-    const flat = Math.cos(height) * this.reach;
+    const reach = this.reach / Math.min(this.camera.aspect, 1); // what fits upwards does so sideways
+    const flat = Math.cos(height) * reach;
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(
-      this.middle.x + flat * Math.cos(angle), this.middle.y - flat * Math.sin(angle), this.middle.z + this.reach * Math.sin(height),
+      this.middle.x + flat * Math.cos(angle), this.middle.y - flat * Math.sin(angle), this.middle.z + reach * Math.sin(height),
     );
     this.camera.lookAt(this.middle);
     this.camera.updateMatrixWorld(true);
@@ -119,7 +122,7 @@ export class Outside {
   #line(points, colour) {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
-    const line = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: colour, transparent: true, opacity: 0.6 }));
+    const line = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: colour, transparent: true, opacity: 0.8 }));
     this.scene.add(line);
     return line;
   }
@@ -145,7 +148,8 @@ export class Outside {
   }
 
   #listen(canvas) {
-    let from = null, stroke = null; // the pointer that paints, and the brush
+    const fingers = new Map();
+    let stroke = null; // the pointer that paints, and the brush
     this.dragged = 0;
     canvas.addEventListener("pointerdown", (event) => {
       if (stroke) return;
@@ -157,7 +161,7 @@ export class Outside {
         canvas.setPointerCapture(event.pointerId);
         return;
       }
-      from = [event.clientX, event.clientY];
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
       this.dragged = 0;
       canvas.setPointerCapture(event.pointerId);
     });
@@ -166,11 +170,13 @@ export class Outside {
         if (stroke.pointer === event.pointerId) stroke.brush.move(this.hit(event)?.place);
         return;
       }
+      const from = fingers.get(event.pointerId);
       if (!from) return;
-      const by = [event.clientX - from[0], event.clientY - from[1]];
-      from = [event.clientX, event.clientY];
+      const by = [event.clientX - from[0], event.clientY - from[1]], spread = pinch(fingers);
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
       this.dragged += Math.abs(by[0]) + Math.abs(by[1]);
-      this.orbit(by[0] * TURN_PER_PX, by[1] * TURN_PER_PX);
+      if (fingers.size === 1) this.orbit(by[0] * TURN_PER_PX, by[1] * TURN_PER_PX);
+      else if (spread > 0) this.zoom(spread / Math.max(pinch(fingers), 1));
     });
     for (const kind of ["pointerup", "pointercancel"]) {
       canvas.addEventListener(kind, (event) => {
@@ -178,7 +184,7 @@ export class Outside {
           stroke.brush.end();
           stroke = null;
         }
-        from = null;
+        fingers.delete(event.pointerId);
       });
     }
     canvas.addEventListener("keydown", (event) => {
@@ -199,6 +205,12 @@ export class Outside {
   orbit(sideways, upwards) {
     this.turn[0] += sideways;
     this.turn[1] = Math.min(Math.max(this.turn[1] + upwards, -1.5), 1.5);
+  }
+
+  /** Lines and shaft stand out from a ground that is dark or light. */
+  shown(isDark) {
+    for (const line of this.lines) line.material.color.set(isDark ? 0xd8dee6 : 0x6b7078);
+    this.rod.material.color.set(isDark ? 0xdfe6ee : 0x9aa4b2);
   }
 
   zoom(factor) {

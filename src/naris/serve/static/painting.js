@@ -1,9 +1,11 @@
 // The buttons about painting regions, and what follows when they are others.
 
-import { $, complain, say } from "./desk.js";
+import { $, complain, say, state } from "./desk.js";
+import { radians } from "./flight.js";
 import { listPlaces } from "./travel.js";
 
 const PAINT_TINT = 50;
+let tintBefore = null;
 
 export function painting(page) {
   const { brush, outside } = page;
@@ -13,29 +15,50 @@ export function painting(page) {
   outside.brush = brush.isOn ? brush : null;
   $("brush").setAttribute("aria-pressed", String(brush.isOn));
   $("brush-controls").hidden = !brush.isOn;
-  if (!brush.isOn || Number($("tint").value) >= PAINT_TINT) return;
-  $("tint").value = String(PAINT_TINT); // one must see what one paints
+  $("ring").hidden = true;
+  if (brush.isOn) {
+    const tint = Number($("tint").value);
+    tintBefore = tint < PAINT_TINT ? tint : null;
+    if (tintBefore !== null) setTint(PAINT_TINT); // one must see what one paints
+  } else if (tintBefore !== null && Number($("tint").value) === PAINT_TINT) setTint(tintBefore);
+}
+
+function setTint(percent) {
+  $("tint").value = String(percent);
   $("tint").dispatchEvent(new Event("input"));
+}
+
+/** A ring about the pointer in the inside view, as wide as the brush there; none where no wall is. */
+export function ring(page, event, place) {
+  const box = $("inside-canvas").getBoundingClientRect(), { brush, flight } = page;
+  const far = Math.hypot(...place.map((one, axis) => one - flight.position[axis]));
+  const wide = (brush.radius / Math.max(far, 0.5)) * (box.height / Math.tan(radians(state.fov) / 2));
+  Object.assign($("ring").style, {
+    left: `${event.clientX - box.left}px`, top: `${event.clientY - box.top}px`, width: `${wide}px`, height: `${wide}px`,
+  });
+  $("ring").hidden = false;
 }
 
 /** The regions are others: where they are entered, and what is drawn, too. */
 export function repainted(page, said) {
   page.about.places.splice(0, Infinity, ...said.places);
   listPlaces(page);
-  brushed(page, said.undoable);
+  brushed(page, said);
   if (said.changed === 0) say("nothing there was painted: it has that region, or no air is near", true);
 }
 
-export function brushed(page, strokes) {
+/** What the server says of the brush: strokes that can be taken back, and whether all of it is in a file. */
+export function brushed(page, { undoable: strokes, saved: isSaved }) {
   page.brush.strokes = strokes;
   $("brush-undo").disabled = strokes === 0;
-  $("brush-save").disabled = false;
+  $("brush-save").disabled = isSaved;
 }
 
 export async function saveRegions(page) {
   try {
-    const file = await page.brush.save();
-    say(`${file}, beside the keyframes: give it as --regions`);
+    const said = await page.brush.save();
+    brushed(page, said);
+    say(`${said.file}, beside the keyframes: give it as --regions`);
   } catch (error) {
     complain(error);
   }

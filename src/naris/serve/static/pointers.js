@@ -2,6 +2,8 @@
 
 import { $, state } from "./desk.js";
 import { lensOf, straightened } from "./inside.js";
+import { ring } from "./painting.js";
+import { pinch } from "./touch.js";
 import { flyInto, intoRegionOf } from "./travel.js";
 
 const DRAG_RAD_PER_PX = 0.004, PINCH_MM_PER_PX = 0.05, WHEEL_MM = 0.6, WHEEL_PX = 100, DEAD_ZONE = 0.15;
@@ -25,6 +27,7 @@ export function pointers(page) {
   });
   canvas.addEventListener("pointermove", (event) => {
     const last = fingers.get(event.pointerId);
+    if (brush.isOn && (!last || painter === event.pointerId)) ring(page, event, wallInside(page, rayOf(page, event)).place);
     if (!last) return;
     const spread = pinch(fingers);
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
@@ -42,6 +45,7 @@ export function pointers(page) {
       painter = null;
     });
   }
+  canvas.addEventListener("pointerleave", () => ($("ring").hidden = true));
   canvas.addEventListener("click", (event) => {
     if (dragged >= 4 || brush.isOn) return;
     const { label } = wallInside(page, rayOf(page, event));
@@ -56,12 +60,6 @@ export function pointers(page) {
     const met = outside.hit(event);
     if (met) intoRegionOf(page, page.surface.arrays.region[met.corner]);
   });
-}
-
-function pinch(fingers) {
-  if (fingers.size !== 2) return 0;
-  const [a, b] = [...fingers.values()];
-  return Math.hypot(a[0] - b[0], a[1] - b[1]);
 }
 
 /** The ray of a click in the inside view, in the camera. */

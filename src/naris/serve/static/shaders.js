@@ -105,7 +105,7 @@ void main() {
   float corner = 1.0 + (size.x / size.y) * (size.x / size.y);
   float open = max(1.0 - vignette * dot(at, at) / corner, 0.0);
   float grey = dot(total, vec3(0.30, 0.59, 0.11));
-  light = vec4(mix(total, grey * vTint * 2.0, tint) * open * brightness, 1.0);
+  light = vec4(mix(total, grey * pow(vTint, vec3(2.2)) * 3.0, tint) * open * brightness, 1.0);
 }`;
 
 /** From light to grey levels: the gain of the exposure and the tone curve. */

@@ -2,7 +2,8 @@
 
 import { askPicture, Refused } from "./talk.js";
 
-const SIZE_PX = 260, NEAR_MM = 0.05;
+const SIZE_PX = 260, NEAR_MM = 0.05, INSET_PX = 9;
+const EDGES = ["RLAP", "RLSI", "APSI"]; // of axial, coronal and sagittal: what is left, right, above and below
 
 export class Slices {
   constructor(canvas, complain) {
@@ -50,7 +51,8 @@ export class Slices {
     const { canvas, context } = this;
     if (canvas.width !== picture.width) [canvas.width, canvas.height] = [picture.width, picture.height];
     context.drawImage(picture, 0, 0);
-    context.strokeStyle = "#4fc3f7";
+    context.strokeStyle = context.fillStyle = "#4fc3f7";
+    Object.assign(context, { font: "bold 13px sans-serif", textAlign: "center", textBaseline: "middle" });
     const middle = SIZE_PX / 2;
     for (let k = 0; k < 3; k++) {
       const x = k * SIZE_PX + middle;
@@ -62,6 +64,9 @@ export class Slices {
         context.lineTo(x, middle + b);
       }
       context.stroke();
+      const far = SIZE_PX - INSET_PX, left = k * SIZE_PX;
+      [[INSET_PX, middle], [far, middle], [middle, INSET_PX], [middle, far]].forEach(([a, b], edge) =>
+        context.fillText(EDGES[k][edge], left + a, b));
     }
   }
 }

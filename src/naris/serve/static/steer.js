@@ -50,11 +50,12 @@ async function begin() {
     },
     complain,
   });
-  if (start.undoable !== null) brushed(page, start.undoable);
+  if (start.brush !== null) brushed(page, start.brush);
   if (start.hasSlices) page.slices = new Slices($("slices-canvas"), complain);
   page.strip = new Strip($("strip"), {
     pose: () => flight.pose,
     lens: () => lensTold(page),
+    place: `naris-keyframes ${start.digest} ${start.keyframesFile}`,
     go: (pose) => fly(page, pose),
     say,
     changed: (keyframes) => {
@@ -76,7 +77,7 @@ async function begin() {
   await page.strip.load();
   for (const id of ["inside-canvas", "outside-canvas"]) new ResizeObserver(() => sizes(page)).observe($(id));
   onConnection((lost) => ($("lost").hidden = !lost));
-  watch();
+  watch(page);
   addEventListener("hashchange", () => {
     const pose = bookmarked(start.digest);
     if (pose) fly(page, pose);

@@ -27,6 +27,7 @@ export function flying(page, now) {
 
 export async function play(page) {
   if (state.playing) return (state.playing = null);
+  if (state.keyframes.length < 2) return say("two keyframes make a trajectory: save another viewpoint", true);
   try {
     await page.strip.saving;
     const { poses } = await askJson("/api/trajectory?step_mm=1");

@@ -29,12 +29,21 @@ export async function simulate(page) {
   }
 }
 
+export async function stopSimulating() {
+  try {
+    showWork(await askJson("/api/simulate/stop", "POST", {}));
+  } catch (error) {
+    complain(error);
+  }
+}
+
 /** Asks how far the pictures are, again and again; that is also how a lost connection is noticed. */
-export async function watch() {
+export async function watch(page) {
   for (let work = {}; ; ) {
     try {
       work = await askJson("/api/simulate");
       showWork(work);
+      page.strip.retry();
     } catch (error) {
       complain(error);
     }
@@ -45,6 +54,7 @@ export async function watch() {
 function showWork(work) {
   $("progress").hidden = !work.running;
   $("simulate").disabled = work.running;
+  $("simulate-stop").hidden = !work.running;
   if (work.total) {
     $("progress").max = work.total;
     $("progress").value = work.done;
