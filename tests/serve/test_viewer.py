@@ -302,3 +302,14 @@ def test_all_that_the_page_is_made_of_is_served_and_nothing_else() -> None:
     there = {one.name for one in folder.iterdir() if one.is_file()}
     vendored = {f"vendor/{one.name}" for one in folder.joinpath("vendor").iterdir() if one.name.endswith(".js")}
     assert {name for name, _ in STATIC.values()} == there | vendored
+
+
+def test_parcels_that_are_made_ahead_are_those_that_are_asked_for(viewer: Viewer, anatomy: Anatomy) -> None:
+    viewer.prepare()
+    for _ in range(200):
+        if set(viewer._made) == set(Viewer.PARCELS):
+            break
+        time.sleep(0.05)
+    assert viewer._made == {
+        name: Viewer(anatomy, viewer.regions, viewer.keyframes).parcel(name) for name in Viewer.PARCELS
+    }

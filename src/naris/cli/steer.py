@@ -71,6 +71,7 @@ def run(options: Options, console: Console) -> int:
     if options.regions is None and named in anatomy.regions:
         regions = anatomy.regions[named]  # those that the model speaks of
     viewer = Viewer(anatomy, regions, options.keyframes, locate, camera, _simulate(options), _slices(options, anatomy))
+    viewer.prepare()
     for lacking in missing(anatomy, regions):
         console.log.warning("%s has %s", anatomy.name, lacking)
 

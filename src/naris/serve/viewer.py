@@ -106,6 +106,10 @@ class Viewer:
                 self._made[name] = makers[name]()
             return self._made[name]
 
+    def prepare(self) -> None:
+        """Makes all parcels, in a thread of its own: they are there when a browser has started and asks for them."""
+        threading.Thread(target=lambda: [self.parcel(name) for name in self.PARCELS], daemon=True).start()
+
     def start(self) -> dict[str, Any]:
         """Where to begin, and what there is."""
         return {
