@@ -48,9 +48,8 @@ WEIGHTS = {
     for start, weight in (("none", 1.0), ("region", 1.0), ("other", 1 / 2), ("mistold", 1 / 3), ("views", 1.0))
     for noise in ALL
 } | {"other views b": 1 / 2, "other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
-"""Other patients are rarer in use than here. With these weights 95 % of those left out are refused where depth was seen,
-and the calibration error of patients left out stays below 3 %; of clouds, which are the hardest to tell, more weight
-would take it above that."""
+"""Other patients are rarer in use than here. With these weights 95 % of those left out are refused where depth was seen
+and the calibration error stays below 3 %; of clouds, which are the hardest to tell, more would take it above that."""
 _GROUPS = 6
 _OF_COVARIANCE = {"depth": ("none b", "none c"), "several": ("views b",), "points": ("none d", f"none {FREE_POINTS}")}
 MISTOLD = (0.6, 1.7)

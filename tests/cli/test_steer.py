@@ -6,16 +6,25 @@ import json
 import signal
 import subprocess
 import sys
+import threading
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from naris.cli import main
 from naris.cli.start import BAD_INPUT
+from naris.cli.steer import Options, _simulate
+from naris.core.pose import Pose
+from naris.render.keyframes import Keyframes, write_keyframes
+from naris.serve.messages import SimulationAsked
+from naris.serve.work import Stopped, Work
+from tests.winding_tube import winding_tube
 
 
 @contextmanager
@@ -72,3 +81,29 @@ def test_bad_input_is_one_sentence(words: list[str], said: str, tube: Path, capf
     err = capfd.readouterr().err
     assert said in err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_a_simulation_that_is_stopped_ends_between_two_pictures(tube: Path, tmp_path: Path) -> None:
+    """The real one: what it has made by then is not more than half of all."""
+    anatomy = winding_tube()
+    line = anatomy.passages[0].points_mm
+    middle = line[len(line) // 3 : len(line) // 2]
+    forward = np.gradient(middle, axis=0)
+    poses = Pose.look(middle[[0, -1]], forward[[0, -1]], np.array([0.0, 0, 1]), anatomy.frame)
+    write_keyframes(Keyframes.of(poses, anatomy), tmp_path / "k.json")
+    work = Work(running=True)
+    asked = SimulationAsked(per_position=400, step_mm=1.0)
+
+    def stop_soon() -> None:
+        while work.done == 0:
+            time.sleep(0.005)
+        work.stopped = True
+
+    stopper = threading.Thread(target=stop_soon, daemon=True)
+    stopper.start()
+    simulate = _simulate(Options(str(tube)), None)
+    with pytest.raises(Stopped):
+        simulate(tmp_path / "k.json", tmp_path / "pictures", None, asked, work)
+    assert 0 < work.done < work.total // 2
+    with pytest.raises(Stopped):
+        work.task("another", 1)

@@ -127,7 +127,55 @@ def test_what_was_refused_is_there_in_the_page_that_is_opened_next(
     until(lambda: run("return naris.page.strip.unsaved && !naris.page.strip.isSaving"))
     opened(browser, address)
     until(lambda: names(folder) == ["00", "01"])
-    assert browser.execute_script("return localStorage.getItem(naris.page.strip.host.place)") is None
+    assert (
+        browser.execute_script("return Object.keys(localStorage).filter(key => key.startsWith('naris-keyframes'))")
+        == []
+    )
+
+
+def test_what_several_pages_left_comes_together_and_what_is_not_of_naris_is_no_harm(
+    run: Callable[..., Any], browser: Any, address: str, folder: Path
+) -> None:
+    run(
+        "const start = naris.page.start, at = (x) => [[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];"
+        "const leave = (slot, told) => localStorage.setItem(`naris-keyframes/1 ${slot}`, JSON.stringify(told));"
+        "leave(`${start.place} one`, { known: [], keyframes: [{ name: 'one', pose: at(1) }] });"
+        "leave(`${start.place} two`, { known: [], keyframes: [{ name: 'two', pose: at(2) }] });"
+        "leave(`${start.place} bad`, {}); leave(`${start.place} worse`, { known: [], keyframes: [{ name: 3 }] });"
+        "localStorage.setItem(`naris-keyframes/1 ${start.place} none`, '{');"
+        "leave('another-place one', { known: [], keyframes: [{ name: 'another', pose: at(3) }] });"
+    )
+    opened(browser, address)
+    until(lambda: sorted(names(folder)) == ["one", "two"])
+    until(lambda: browser.execute_script("return !naris.page.strip.unsaved && !naris.page.strip.isSaving"))
+    left = browser.execute_script("return Object.keys(localStorage).filter(key => / (one|two)$/.test(key))")
+    assert left == ["naris-keyframes/1 another-place one"]
+
+
+def test_a_full_store_of_the_browser_keeps_nothing_from_being_saved(run: Callable[..., Any], folder: Path) -> None:
+    run("window.kept = Storage.prototype.setItem; Storage.prototype.setItem = () => { throw new Error('full'); }")
+    try:
+        saved(run, 1)
+        until(lambda: names(folder) == ["00"])
+    finally:
+        run("Storage.prototype.setItem = window.kept")
+
+
+def test_a_page_of_another_file_writes_nothing_into_this_one(run: Callable[..., Any], folder: Path) -> None:
+    run("naris.page.start.place = naris.page.strip.host.place = 'another'")
+    saved(run, 1)
+    until(lambda: run("return naris.page.strip.unsaved && !naris.page.strip.isSaving"))
+    assert names(folder) == []
+    until(lambda: "load the page again" in run("return document.getElementById('message').textContent"))
+
+
+def test_what_is_typed_stays_when_the_strip_is_drawn_anew(run: Callable[..., Any], browser: Any) -> None:
+    saved(run, 2)
+    until(lambda: run("return !naris.page.strip.isSaving && !naris.page.strip.unsaved"))
+    field = browser.find_elements("css selector", "#strip input")[0]
+    field.send_keys("abc")
+    run("naris.page.strip.save()")
+    assert run("return document.activeElement.value") == "00abc"
 
 
 def test_a_keyframe_that_was_deleted_is_taken_back(run: Callable[..., Any], browser: Any, folder: Path) -> None:
@@ -164,3 +212,62 @@ def test_level_rolls_until_up_is_up(run: Callable[..., Any]) -> None:
     assert abs(run("return naris.roll()")) > 10
     run("naris.page.keys.press('KeyL')")
     assert run("return naris.roll()") == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_list_can_be_gone_through_with_keys(run: Callable[..., Any], browser: Any) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    before = run("const list = document.getElementById('optics'); list.focus(); return list.value")
+    browser.find_element("id", "optics").send_keys(Keys.ARROW_DOWN, Keys.ARROW_DOWN)
+    assert run("return [document.activeElement.id, document.getElementById('optics').value]") == ["optics", "45"]
+    run("const list = document.getElementById('optics'); list.dispatchEvent(new PointerEvent('pointerdown'));"
+        "list.value = arguments[0]; list.dispatchEvent(new Event('change'))", before)  # fmt: skip
+    assert run("return document.activeElement.id") == "inside-canvas"
+
+
+def test_two_fingers_outside_come_nearer_and_paint_nothing(run: Callable[..., Any], browser: Any) -> None:
+    x, y = run("const box = document.getElementById('outside-canvas').getBoundingClientRect();"
+               "return [box.x + box.width / 2, box.y + box.height / 2]")  # fmt: skip
+    run("naris.page.strip.host.back(); document.getElementById('brush').click()")
+    try:
+        reach, turn = run("return [naris.page.outside.reach, naris.page.outside.turn.slice()]")
+        for kind, apart in (("touchStart", 0), ("touchStart", 20), ("touchMove", 40), ("touchEnd", None)):
+            points = [] if apart is None else [{"x": x, "y": y, "id": 0}]
+            if apart:
+                points.append({"x": x + apart, "y": y, "id": 1})
+            browser.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        assert run("return naris.page.outside.reach") == pytest.approx(reach / 2, rel=0.05)
+        assert run("return naris.page.outside.turn") == turn
+        assert run("return [naris.page.brush.waiting.length, naris.page.brush.stroke, naris.page.brush.strokes]") == [
+            0, None, 0
+        ]  # fmt: skip
+    finally:
+        run("document.getElementById('brush').click()")
+
+
+def test_a_mouse_outside_leaves_the_keys_with_the_scope(run: Callable[..., Any], browser: Any) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    run("document.getElementById('fov').focus()")
+    ActionChains(browser).drag_and_drop_by_offset(browser.find_element("id", "outside-canvas"), 40, 0).perform()
+    assert run("return document.activeElement.id") == "inside-canvas"
+
+
+def test_a_ring_shows_how_far_the_brush_reaches_where_there_is_a_wall(run: Callable[..., Any], browser: Any) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    width = "const ring = document.getElementById('ring'); return ring.hidden ? null : parseFloat(ring.style.width)"
+    ActionChains(browser).move_to_element(browser.find_element("id", "inside-canvas")).perform()
+    assert run(width) is None
+    run("document.getElementById('brush').click()")
+    try:
+        ActionChains(browser).move_by_offset(20, 10).perform()
+        narrow = run(width)
+        run("const radius = document.getElementById('brush-radius'); radius.value = 6;"
+            "radius.dispatchEvent(new Event('input'))")  # fmt: skip
+        assert run(width) == pytest.approx(2 * narrow, rel=1e-3)
+        run("const p = naris.page.start.pose.map(row => [...row]); p[0][3] += 5000; naris.go(p)")
+        ActionChains(browser).move_by_offset(5, 5).perform()
+        assert run(width) is None  # nothing is there
+    finally:
+        run("document.getElementById('brush').click(); naris.go(naris.page.start.pose)")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from naris.serve.viewer import Locate, Simulate
 
 
-_WAIT_S = 10.0  # for a simulation to end, so that nothing half made stays
+_WAIT_S = 30.0  # for a simulation to end, so that nothing half made stays
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,9 @@ def run(options: Options, console: Console) -> int:
     locate, camera, named = (None, None, None) if options.model is None else _model(options.model, anatomy)
     if options.regions is None and named in anatomy.regions:
         regions = anatomy.regions[named]  # those that the model speaks of
-    viewer = Viewer(anatomy, regions, options.keyframes, locate, camera, _simulate(options), _slices(options, anatomy))
+    named_set = options.regions or (None if regions is None else regions.name)
+    slices = _slices(options, anatomy)
+    viewer = Viewer(anatomy, regions, options.keyframes, locate, camera, _simulate(options, named_set), slices)
     viewer.prepare()
     for lacking in missing(anatomy, regions):
         console.log.warning("%s has %s", anatomy.name, lacking)
@@ -87,11 +89,12 @@ def run(options: Options, console: Console) -> int:
     try:
         serve(application(viewer), options.port, ready)
     finally:
-        if viewer.work.running:
-            console.log.warning("%s", viewer.stop(wait_s=_WAIT_S)["said"])
         painted = viewer.painted_file()
         if painted is not None:
             console.log.warning("painted regions are in %s", painted)
+        if viewer.work.running:
+            console.log.warning("stopping the simulation")
+            console.log.warning("%s", viewer.stop(wait_s=_WAIT_S)["said"])
     return 0
 
 
@@ -151,7 +154,7 @@ def _slices(options: Options, anatomy: Anatomy) -> Slices | None:
     return Slices(read_scan(options.ct).volume, lumen_distance(anatomy))
 
 
-def _simulate(options: Options) -> Simulate:
+def _simulate(options: Options, regions: str | None) -> Simulate:
     def simulate(keyframes: Path, folder: Path, painted: Path | None, told: SimulationAsked, progress: Progress) -> int:
         from naris.cli import simulate as verb
         from naris.cli import views
@@ -161,7 +164,7 @@ def _simulate(options: Options) -> Simulate:
             options.anatomy,
             folder,
             keyframes=keyframes,
-            regions=options.regions if painted is None else str(painted),
+            regions=regions if painted is None else str(painted),
             per_position=told.per_position,
             step_mm=told.step_mm,
         )

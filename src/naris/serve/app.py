@@ -22,11 +22,11 @@ from naris.serve.viewer import Viewer
 _MODULES = (
     "brush",
     "controls",
-    "desk",
     "exact",
     "flight",
     "inside",
     "keys",
+    "leftovers",
     "merge",
     "model",
     "outside",
@@ -41,6 +41,7 @@ _MODULES = (
     "talk",
     "touch",
     "travel",
+    "ui",
     "video",
     "work",
 )

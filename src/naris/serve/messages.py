@@ -11,7 +11,7 @@ _MOST_DABS = 2000
 
 
 class LensTold(BaseModel):
-    """What the page looks through: a vertical field of view, that of the lens taken for straight, and how it bends."""
+    """What the page looks through: a vertical field of view, lens and all, and how the lens bends."""
 
     model_config = ConfigDict(extra="forbid")
     fov_deg: float = Field(45.0, ge=5, le=140)
@@ -78,6 +78,7 @@ class KeyframesTold(BaseModel):
     """All keyframes of the page, in their order."""
 
     model_config = ConfigDict(extra="forbid")
+    place: str
     revision: str
     keyframes: list[KeyframeTold]
 

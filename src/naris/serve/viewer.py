@@ -46,7 +46,7 @@ from naris.serve.slices import Slices
 from naris.serve.stage import look_parcel, regions_parcel, room_parcel, start_pose, steady, surface_parcel
 from naris.serve.work import Stopped, Work
 
-_ORIGINAL = ".txt"
+_ORIGINAL, _MOST_LETTERS = ".txt", 80
 
 Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
 Simulate = Callable[[Path, Path, Path | None, SimulationAsked, Progress], int]
@@ -119,8 +119,14 @@ class Viewer:
             "hasSimulate": self.simulate is not None and self.regions is not None,
             "hasSlices": self.slices is not None,
             "keyframesFile": self.keyframes.name,
+            "place": self.place,
             "brush": None if self._brush is None else self._brush.state(),
         }
+
+    @property
+    def place(self) -> str:
+        """What tells this anatomy and file of keyframes from others that are served at the same address later."""
+        return hashlib.sha256(f"{self.anatomy.digest} {self.keyframes.resolve()}".encode()).hexdigest()[:24]
 
     def frame(self, asked: FrameAsked) -> UInt8[np.ndarray, "h w 3"]:
         """A picture by our own renderer.
@@ -246,9 +252,11 @@ class Viewer:
 
         Raises:
             KeyframeError: if the page did not know what it would replace, because another page or program changed the
-                file meanwhile; or if that cannot be written.
+                file meanwhile; if it is a page of another anatomy or file; or if that cannot be written.
             PoseError: if one has no pose.
         """
+        if told.place != self.place:
+            raise KeyframeError("keyframes of this anatomy and file", "those of another page", "load the page again")
         rows = tuple(Keyframe(one.name, self._pose(one.pose)) for one in told.keyframes)
         wanted = Keyframes(rows, self.anatomy.name, self.anatomy.digest) if rows else None
         with self._lock:
@@ -294,9 +302,9 @@ class Viewer:
 
     def _original(self, text: bytes, name: str) -> Keyframe:
         with TemporaryDirectory() as folder:
-            path = Path(folder) / "the file"
+            path = Path(folder) / re.sub(r"[^\w.-]", "_", name[-_MOST_LETTERS:])  # errors name it
             path.write_bytes(text)
-            return Keyframe(name[: -len(_ORIGINAL)], read_original_pose(path, self.anatomy.frame))
+            return Keyframe(name[: -len(_ORIGINAL)][:_MOST_LETTERS], read_original_pose(path, self.anatomy.frame))
 
     def exported(self, kind: str) -> bytes:
         """All keyframes as our JSON file (`json`) or as the text files of the original, zipped (`original`).
@@ -366,7 +374,6 @@ class Viewer:
 
     def _simulated(self, folder: Path, asked: SimulationAsked) -> None:
         work = self.work
-        work.said = "it ended by a fault of naris: see what the command printed"
         try:
             if self.simulate is not None:
                 regions = self.painted_file()
@@ -379,6 +386,9 @@ class Viewer:
             work.said = str(error)
         except OSError as error:
             work.said = f"cannot use {folder.name}: {error.strerror}"
+        except Exception:
+            work.said = "it ended by a fault of naris: see what the command printed"
+            raise
         finally:
             work.running = False
 
@@ -386,10 +396,11 @@ class Viewer:
         """How far the pictures are."""
         work = self.work
         return {
+            "place": self.place,
             "done": work.done,
             "total": work.total,
             "running": work.running,
-            "said": work.said,
+            "said": "stopping" if work.running and work.stopped else work.said,
             "folder": work.folder,
         }
 

@@ -22,6 +22,8 @@ class Work:
     stopped: bool = False
 
     def task(self, name: str, total: int) -> Work:
+        if self.stopped:
+            raise Stopped
         self.done, self.total = 0, total
         return self
 

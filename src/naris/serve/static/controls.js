@@ -1,12 +1,12 @@
 // Everything in the page that can be pressed, chosen or slid.
 
-import { $, say, state } from "./desk.js";
+import { $, say, state } from "./ui.js";
 import { exact } from "./exact.js";
 import { radians, rollOf } from "./flight.js";
 import { help, PROFILES } from "./keys.js";
 import { takeAll } from "./model.js";
 import { painting, saveRegions } from "./painting.js";
-import { wallInside } from "./pointers.js";
+import { ring, wallInside } from "./pointers.js";
 import { fly, flyInto, listPlaces, play } from "./travel.js";
 import { exported, simulate, stopSimulating } from "./work.js";
 
@@ -15,11 +15,7 @@ const SLIDES = /^(Arrow|Page|Home$|End$)/;
 export function controls(page) {
   const { flight, keys, about, inside, outside } = page;
   listPlaces(page);
-  $("places").addEventListener("change", (event) => {
-    const k = Number(event.target.value);
-    fly(page, k ? about.places[k - 1].pose : page.start.pose);
-    back();
-  });
+  choice("places", (k) => fly(page, Number(k) ? about.places[k - 1].pose : page.start.pose));
   $("regions").replaceChildren(...about.regions.map((one, number) => regionItem(page, one, number)));
   const commands = {
     save: () => page.strip.save(),
@@ -33,7 +29,11 @@ export function controls(page) {
       $("through").checked = flight.throughWalls = !flight.throughWalls;
     },
     home: () => fly(page, page.start.pose),
-    level: () => flight.turn([0, 0, -radians(rollOf(flight.pose) ?? 0)]),
+    level: () => {
+      const roll = rollOf(flight.pose);
+      if (roll === null) say("looking straight up or down there is no level", true);
+      else flight.turn([0, 0, -radians(roll)]);
+    },
     brush: () => painting(page),
     dab: () => {
       if (!page.brush.isOn) return say("press B first to paint", true);
@@ -60,11 +60,10 @@ export function controls(page) {
     $("profile").append(option);
   }
   $("profile").value = keys.profile = localStorage.getItem("naris-keys") in PROFILES ? localStorage.getItem("naris-keys") : "wasd";
-  $("profile").addEventListener("change", () => {
+  choice("profile", (name) => {
     keys.releaseAll();
-    keys.profile = $("profile").value;
-    localStorage.setItem("naris-keys", keys.profile);
-    back();
+    keys.profile = name;
+    localStorage.setItem("naris-keys", name);
   });
   slider("fov", "fov-out", (v) => `${v}°`, (v) => (state.fov = v));
   slider("barrel", "barrel-out", (v) => `${v} %`, (v) => (inside.barrel = v / 100));
@@ -74,12 +73,12 @@ export function controls(page) {
   slider("span", "span-out", (v) => `${v} mm`, (v) => page.slices?.set("span_mm", v));
   slider("level", "level-out", (v) => `${v} HU`, (v) => page.slices?.set("level", v));
   slider("window", "window-out", (v) => `${v} HU`, (v) => page.slices?.set("width", v));
-  slider("brush-radius", "brush-radius-out", (v) => `${v} mm`, (v) => (page.brush.radius = v));
-  slider("post", "post-out", (v) => `${v}°`, () => optics(flight));
-  $("optics").addEventListener("change", () => {
-    optics(flight);
-    back();
+  slider("brush-radius", "brush-radius-out", (v) => `${v} mm`, (v) => {
+    page.brush.radius = v;
+    ring(page);
   });
+  slider("post", "post-out", (v) => `${v}°`, () => optics(flight));
+  choice("optics", () => optics(flight));
   $("through").addEventListener("change", () => (flight.throughWalls = $("through").checked));
   for (const [id, name] of [["save", "save"], ["undo", "undo"], ["exact-button", "exact"], ["play", "play"], ["brush", "brush"], ["help-button", "help"]]) {
     $(id).addEventListener("click", commands[name]);
@@ -101,16 +100,15 @@ export function controls(page) {
   }
   $("brush-row").hidden = !about.regions.length;
   $("brush-region").replaceChildren(...about.regions.map(({ name }, k) => new Option(name, k)));
-  $("brush-region").addEventListener("change", () => {
-    page.brush.region = Number($("brush-region").value);
-    back();
-  });
+  choice("brush-region", (k) => (page.brush.region = Number(k)));
   $("brush-undo").addEventListener("click", () => page.brush.undo());
   $("brush-save").addEventListener("click", () => saveRegions(page));
   $("simulate-row").hidden = !page.start.hasSimulate;
   $("simulate").addEventListener("click", () => simulate(page));
   $("simulate-stop").addEventListener("click", stopSimulating);
   document.addEventListener("keydown", (event) => {
+    const isUndo = (event.ctrlKey || event.metaKey) && event.code === "KeyZ" && !event.shiftKey;
+    if (isUndo && !takes(event.target, event.code) && page.strip.undelete()) event.preventDefault();
     if (event.ctrlKey || event.metaKey || event.altKey || takes(event.target, event.code) || $("help").open) return;
     if (keys.press(event.code, event.shiftKey, event.key, event.repeat)) event.preventDefault();
   });
@@ -119,6 +117,18 @@ export function controls(page) {
     keys.haste = event.shiftKey;
   });
   addEventListener("blur", () => keys.releaseAll());
+}
+
+/** A list: chosen with a pointer it gives the keys back to the scope; with keys one may go on through it. */
+function choice(id, act) {
+  let isPointed = false;
+  $(id).addEventListener("pointerdown", () => (isPointed = true));
+  $(id).addEventListener("keydown", () => (isPointed = false));
+  $(id).addEventListener("change", () => {
+    act($(id).value);
+    if (isPointed) back();
+    isPointed = false;
+  });
 }
 
 /** The keyboard is the scope's again. */

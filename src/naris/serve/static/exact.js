@@ -1,6 +1,6 @@
 // The picture by our own renderer, beside that of the page.
 
-import { $, complain, state } from "./desk.js";
+import { $, complain, state } from "./ui.js";
 import { lensOf } from "./inside.js";
 import { askPicture, Latest } from "./talk.js";
 

@@ -37,7 +37,7 @@ const STEPS = {
 
 const ORIGINAL_HASTE = 22.5;
 
-export const COMMANDS = {
+const COMMANDS = {
   KeyC: { name: "save", says: "save a keyframe" },
   KeyU: { name: "undo", says: "back to where you were before the last jump" },
   KeyF: { name: "exact", says: "the exact picture of naris beside this one" },
@@ -115,9 +115,10 @@ export function help(profile) {
   const rows = Object.entries(steering).map(([code, { says }]) => [label(code), says]);
   rows.push(profile === "wasd" ? ["Shift", "three times as fast"] : ["Shift", "turns 22.5 times as far"]);
   for (const [code, { says }] of Object.entries(COMMANDS)) rows.push([label(code), says]);
+  rows.push(["Ctrl Z", "takes the last deletion of a keyframe back"]);
   rows.push(["drag", "look around"], ["wheel", "insert, withdraw"], ["click", "into the region that was clicked"], ["drag while painting", "paints; with Shift it turns"]);
   rows.push(["touch", "one finger looks, two spread to insert and close to withdraw"], ["gamepad", "left stick moves, right stick looks, triggers up and down, shoulder buttons roll"]);
-  rows.push(["outside, once it has the focus", "arrows turn it, + and − come nearer and go away"]);
+  rows.push(["outside, once Tab has come to it", "arrows turn it, + and − come nearer and go away"]);
   return rows;
 }
 

@@ -1,6 +1,6 @@
 // What a model says: of what the scope sees, and of a picture or video that is dropped.
 
-import { $, complain, say, state } from "./desk.js";
+import { $, complain, say, state } from "./ui.js";
 import { button } from "./strip.js";
 import { Latest, sendFile } from "./talk.js";
 import { fly, FLY_MS } from "./travel.js";

@@ -152,22 +152,28 @@ export class Outside {
     let stroke = null; // the pointer that paints, and the brush
     this.dragged = 0;
     canvas.addEventListener("pointerdown", (event) => {
-      if (stroke) return;
-      canvas.focus();
-      const met = this.brush && !event.shiftKey && this.hit(event);
+      if (stroke) {
+        stroke.brush.cancel(); // two fingers come nearer, and paint nothing
+        fingers.set(stroke.pointer, stroke.at);
+        stroke = null;
+      }
+      const at = [event.clientX, event.clientY];
+      const met = this.brush && !event.shiftKey && !fingers.size && this.hit(event);
       if (met) {
-        stroke = { pointer: event.pointerId, brush: this.brush };
+        stroke = { pointer: event.pointerId, brush: this.brush, at };
         this.brush.begin(met.place);
         canvas.setPointerCapture(event.pointerId);
         return;
       }
-      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+      fingers.set(event.pointerId, at);
       this.dragged = 0;
       canvas.setPointerCapture(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
       if (stroke) {
-        if (stroke.pointer === event.pointerId) stroke.brush.move(this.hit(event)?.place);
+        if (stroke.pointer !== event.pointerId) return;
+        stroke.at = [event.clientX, event.clientY];
+        stroke.brush.move(this.hit(event)?.place);
         return;
       }
       const from = fingers.get(event.pointerId);

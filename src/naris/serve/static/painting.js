@@ -1,7 +1,6 @@
 // The buttons about painting regions, and what follows when they are others.
 
-import { $, complain, say, state } from "./desk.js";
-import { radians } from "./flight.js";
+import { $, complain, say } from "./ui.js";
 import { listPlaces } from "./travel.js";
 
 const PAINT_TINT = 50;
@@ -26,17 +25,6 @@ export function painting(page) {
 function setTint(percent) {
   $("tint").value = String(percent);
   $("tint").dispatchEvent(new Event("input"));
-}
-
-/** A ring about the pointer in the inside view, as wide as the brush there; none where no wall is. */
-export function ring(page, event, place) {
-  const box = $("inside-canvas").getBoundingClientRect(), { brush, flight } = page;
-  const far = Math.hypot(...place.map((one, axis) => one - flight.position[axis]));
-  const wide = (brush.radius / Math.max(far, 0.5)) * (box.height / Math.tan(radians(state.fov) / 2));
-  Object.assign($("ring").style, {
-    left: `${event.clientX - box.left}px`, top: `${event.clientY - box.top}px`, width: `${wide}px`, height: `${wide}px`,
-  });
-  $("ring").hidden = false;
 }
 
 /** The regions are others: where they are entered, and what is drawn, too. */

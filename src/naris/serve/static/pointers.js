@@ -1,8 +1,8 @@
 // Mouse, touch and gamepad.
 
-import { $, state } from "./desk.js";
+import { $, state } from "./ui.js";
+import { radians } from "./flight.js";
 import { lensOf, straightened } from "./inside.js";
-import { ring } from "./painting.js";
 import { pinch } from "./touch.js";
 import { flyInto, intoRegionOf } from "./travel.js";
 
@@ -27,7 +27,8 @@ export function pointers(page) {
   });
   canvas.addEventListener("pointermove", (event) => {
     const last = fingers.get(event.pointerId);
-    if (brush.isOn && (!last || painter === event.pointerId)) ring(page, event, wallInside(page, rayOf(page, event)).place);
+    state.pointer = event;
+    ring(page);
     if (!last) return;
     const spread = pinch(fingers);
     fingers.set(event.pointerId, [event.clientX, event.clientY]);
@@ -45,7 +46,10 @@ export function pointers(page) {
       painter = null;
     });
   }
-  canvas.addEventListener("pointerleave", () => ($("ring").hidden = true));
+  canvas.addEventListener("pointerleave", () => {
+    state.pointer = null;
+    ring(page);
+  });
   canvas.addEventListener("click", (event) => {
     if (dragged >= 4 || brush.isOn) return;
     const { label } = wallInside(page, rayOf(page, event));
@@ -55,10 +59,28 @@ export function pointers(page) {
     event.preventDefault();
     flight.move([0, 0, (-WHEEL_MM * event.deltaY) / WHEEL_PX]);
   }, { passive: false });
+  $("outside-canvas").addEventListener("mousedown", (event) => {
+    event.preventDefault(); // a mouse leaves the keys with the scope; Tab gives them to the outside view
+    canvas.focus();
+  });
   $("outside-canvas").addEventListener("click", (event) => {
     if (outside.dragged >= 4 || brush.isOn) return;
     const met = outside.hit(event);
     if (met) intoRegionOf(page, page.surface.arrays.region[met.corner]);
+  });
+}
+
+/** A ring about the pointer in the inside view, as wide as the brush is on the wall there; none where no wall is. */
+export function ring(page) {
+  const { brush, flight } = page, event = state.pointer;
+  const met = brush.isOn && event ? wallInside(page, rayOf(page, event)) : null;
+  $("ring").hidden = !met?.isWall;
+  if (!met?.isWall) return;
+  const box = $("inside-canvas").getBoundingClientRect();
+  const far = Math.hypot(...met.place.map((one, axis) => one - flight.position[axis]));
+  const wide = (brush.radius / Math.max(far, 0.5)) * (box.height / Math.tan(radians(state.fov) / 2));
+  Object.assign($("ring").style, {
+    left: `${event.clientX - box.left}px`, top: `${event.clientY - box.top}px`, width: `${wide}px`, height: `${wide}px`,
   });
 }
 
@@ -76,16 +98,17 @@ export function wallInside(page, ray) {
   const pose = page.flight.pose;
   const length = Math.hypot(...ray);
   const way = [0, 1, 2].map((i) => (pose[i][0] * ray[0] + pose[i][1] * ray[1] + pose[i][2] * ray[2]) / length);
-  let label = -1, far = 0;
+  let label = -1, far = 0, isWall = false;
   for (let k = 0; k < 400; k++) {
     const p = page.flight.position.map((one, axis) => one + far * way[axis]);
     const free = page.room.distance(p);
     const here = page.room.region(p);
     if (here >= 0) label = here;
-    if (free < 0.15) break;
+    isWall = free < 0.15;
+    if (isWall) break;
     far += Math.max(free * 0.9, 0.1);
   }
-  return { label, place: page.flight.position.map((one, axis) => one + far * way[axis]) };
+  return { label, isWall: isWall && far > 0, place: page.flight.position.map((one, axis) => one + far * way[axis]) };
 }
 
 export function gamepad(wish) {

@@ -11,12 +11,12 @@ import { Slices } from "./slices.js";
 import { Brush } from "./brush.js";
 import { Video } from "./video.js";
 import { Strip } from "./strip.js";
-import { $, complain, say, state } from "./desk.js";
+import { $, complain, say, state } from "./ui.js";
 import { controls, theme } from "./controls.js";
 import { drawing, lensTold, showExact } from "./exact.js";
 import { believing, dropping, locate, locating, showBelief, take } from "./model.js";
 import { brushed, repainted } from "./painting.js";
-import { gamepad, pointers } from "./pointers.js";
+import { gamepad, pointers, ring } from "./pointers.js";
 import { bookmark, bookmarked, fly, flying, playing } from "./travel.js";
 import { watch } from "./work.js";
 
@@ -55,7 +55,8 @@ async function begin() {
   page.strip = new Strip($("strip"), {
     pose: () => flight.pose,
     lens: () => lensTold(page),
-    place: `naris-keyframes ${start.digest} ${start.keyframesFile}`,
+    place: start.place,
+    back: () => $("inside-canvas").focus(),
     go: (pose) => fly(page, pose),
     say,
     changed: (keyframes) => {
@@ -125,6 +126,7 @@ function draw(page, now, spent) {
     state.strokesDrawn = state.strokes;
     state.drawn++;
   }
+  if (moves) ring(page);
   if (moves) outside.follow(flight.position, flight.shaft);
   // Where drawing is slow, what the scope sees goes before where it is.
   const mayWait = moves && state.isRough && now - state.outsideAt < OUTSIDE_MS;

@@ -1,5 +1,6 @@
 // The strip of keyframes: saved, named, put in order, gone to, played, kept in the file of the server.
 
+import { Leftovers } from "./leftovers.js";
 import { merged } from "./merge.js";
 import { askJson, askPicture, Refused } from "./talk.js";
 
@@ -9,7 +10,7 @@ const MOST_TRIES = 3;
 export class Strip {
   /**
    * `host` has: pose(), lens() as the server takes it, go(pose), say(text, isWrong, offer), changed(keyframes), and
-   * `place`, by which what is not saved yet is kept in the browser.
+   * `place`, which names the file that they are kept in.
    */
   constructor(list, host) {
     this.list = list;
@@ -17,25 +18,34 @@ export class Strip {
     this.revision = "";
     this.keyframes = []; // {name, pose, picture}
     this.known = []; // as the server had them last
+    this.deleted = null; // the last one, and where it was
     this.saving = Promise.resolve();
     this.isSaving = false;
     this.unsaved = false;
-    this.lacksPictures = false;
+    this.isFilling = false;
+    this.leftovers = new Leftovers(host.place);
   }
 
-  /** What the server has, with what an earlier page could not save. */
+  /** What the server has, with what earlier pages could not save. */
   async load() {
     const told = await askJson("/api/keyframes");
-    const left = this.#left();
+    const left = this.leftovers.all();
     this.revision = told.revision;
     this.known = told.keyframes;
-    this.keyframes = (left ? merged(left.known, left.keyframes, told.keyframes) : told.keyframes).map((one) => ({ ...one, picture: null }));
-    if (left && plain(this.keyframes) !== plain(told.keyframes)) {
-      this.#changed("what was changed while the server was away is saved");
-    } else {
-      this.#forget();
+    const both = left.reduce((there, one) => merged(one.known, one.keyframes, there), told.keyframes);
+    this.keyframes = both.map((one) => ({ ...one, picture: null }));
+    if (plain(both) === plain(told.keyframes)) {
+      this.leftovers.forget(left);
       this.#show();
+    } else {
+      this.#changed("what was changed while the server was away is saved", left);
     }
+  }
+
+  /** When all is in the file. */
+  async saved() {
+    await this.saving;
+    if (this.unsaved) throw new Refused("the keyframes are not saved yet: open the address that naris steer printed");
   }
 
   /** A keyframe of where the scope is now. */
@@ -55,16 +65,22 @@ export class Strip {
 
   remove(at) {
     const [one] = this.keyframes.splice(at, 1);
+    this.deleted = { one, at };
     this.#changed();
-    this.#focus(Math.min(at, this.keyframes.length - 1), ".go");
-    this.host.say(`keyframe ${one.name} deleted`, false, {
-      label: "Undo",
-      press: () => {
-        this.keyframes.splice(Math.min(at, this.keyframes.length), 0, one);
-        this.#changed();
-        this.#focus(this.keyframes.indexOf(one), ".go");
-      },
-    });
+    if (this.keyframes.length) this.#focus(Math.min(at, this.keyframes.length - 1), ".go");
+    else this.host.back();
+    this.host.say(`keyframe ${one.name} deleted`, false, { label: "Undo", press: () => this.undelete() });
+  }
+
+  /** Takes the last deletion back; whether there was one. */
+  undelete() {
+    if (!this.deleted) return false;
+    const { one, at } = this.deleted;
+    this.deleted = null;
+    this.keyframes.splice(Math.min(at, this.keyframes.length), 0, one);
+    this.#changed(`keyframe ${one.name} is there again`);
+    this.#focus(this.keyframes.indexOf(one), ".go");
+    return true;
   }
 
   rename(one, name) {
@@ -87,7 +103,7 @@ export class Strip {
 
   /** The server answers again: what it refused meanwhile is asked for anew. */
   retry() {
-    if (this.lacksPictures) this.#show();
+    this.#fill();
     if (this.unsaved && !this.isSaving) this.#keepLater("what was changed meanwhile is saved");
   }
 
@@ -95,19 +111,19 @@ export class Strip {
     this.list.children[at]?.querySelector(what)?.focus();
   }
 
-  #changed(said = "") {
+  #changed(said = "", left = []) {
+    this.#keepLater(said, left);
     this.#show();
-    this.#keepLater(said);
   }
 
   /** Writes what there is then, after what is being written now. */
-  #keepLater(said = "") {
+  #keepLater(said = "", left = []) {
     this.unsaved = true;
-    this.#leave();
+    this.leftovers.leave(this.known, bare(this.keyframes));
     this.saving = this.saving.then(async () => {
       this.isSaving = true;
       await this.#keep(said);
-      if (!this.unsaved) this.#forget();
+      if (!this.unsaved) this.leftovers.forget(left);
     }).catch((error) => {
       this.unsaved = true;
       this.host.say(`not saved: ${error.message}`, true);
@@ -119,7 +135,7 @@ export class Strip {
       this.unsaved = false;
       const keyframes = bare(this.keyframes);
       try {
-        const told = await askJson("/api/keyframes", "PUT", { revision: this.revision, keyframes });
+        const told = await askJson("/api/keyframes", "PUT", { place: this.host.place, revision: this.revision, keyframes });
         this.revision = told.revision;
         this.known = told.keyframes;
         if (said) this.host.say(said);
@@ -141,62 +157,73 @@ export class Strip {
     this.#show();
   }
 
-  /** In the browser, should the page end before the server has them. */
-  #leave() {
-    localStorage.setItem(this.host.place, JSON.stringify({ known: this.known, keyframes: bare(this.keyframes) }));
-  }
-
-  #left() {
-    try {
-      return JSON.parse(localStorage.getItem(this.host.place));
-    } catch {
-      return null; // of another version
-    }
-  }
-
-  #forget() {
-    localStorage.removeItem(this.host.place);
-  }
-
+  /** Draws all of them; what is being typed stays. */
   #show() {
-    this.lacksPictures = false;
+    const row = document.activeElement?.closest?.("#strip li"), typed = row?.contains(document.activeElement) && row.querySelector("input");
+    const held = typed && typed === document.activeElement ? { key: row.dataset.pose, value: typed.value } : null;
     this.host.changed(this.keyframes);
     this.list.replaceChildren(...this.keyframes.map((one, at) => this.#item(one, at)));
+    const again = held && [...this.list.children].find((one) => one.dataset.pose === held.key)?.querySelector("input");
+    if (again) {
+      again.focus();
+      again.value = held.value;
+    }
+    this.#fill();
   }
 
   #item(one, at) {
     const item = document.createElement("li");
-    const go = button("go", `go to keyframe ${one.name}`, () => this.host.go(one.pose));
+    item.dataset.pose = JSON.stringify(one.pose);
+    const go = button("go", "", () => this.host.go(one.pose));
     const picture = document.createElement("img");
-    picture.alt = `what keyframe ${one.name} sees`;
     picture.width = THUMB.width;
     picture.height = THUMB.height;
-    this.#picture(one).then((url) => (picture.src = url), () => (this.lacksPictures = true));
+    if (one.picture) picture.src = one.picture;
     go.append(picture);
     const name = document.createElement("input");
     name.value = one.name;
     name.maxLength = 80;
-    name.setAttribute("aria-label", `name of keyframe ${one.name}`);
-    name.addEventListener("change", () => (name.value = this.rename(one, name.value)));
+    const earlier = button("earlier", "", () => this.shift(at, -1), "‹");
+    const later = button("later", "", () => this.shift(at, 1), "›");
+    const remove = button("delete", "", () => this.remove(at), "×");
+    const label = () => {
+      picture.alt = `what keyframe ${one.name} sees`;
+      name.setAttribute("aria-label", `name of keyframe ${one.name}`);
+      const told = [[go, `go to keyframe ${one.name}`], [earlier, `keyframe ${one.name} earlier`],
+        [later, `keyframe ${one.name} later`], [remove, `delete keyframe ${one.name}`]];
+      for (const [which, words] of told) {
+        which.setAttribute("aria-label", words);
+        which.title = words;
+      }
+    };
+    name.addEventListener("change", () => {
+      name.value = this.rename(one, name.value);
+      label();
+    });
+    label();
     const row = document.createElement("div");
-    row.append(
-      name,
-      button("earlier", `keyframe ${one.name} earlier`, () => this.shift(at, -1), "‹"),
-      button("later", `keyframe ${one.name} later`, () => this.shift(at, 1), "›"),
-      button("", `delete keyframe ${one.name}`, () => this.remove(at), "×"),
-    );
+    row.append(name, earlier, later, remove);
     item.append(go, row);
     return item;
   }
 
-  async #picture(one) {
-    one.picture ??= askPicture("/api/frame", { pose: one.pose, ...this.host.lens(), ...THUMB })
-      .then((picture) => URL.createObjectURL(picture))
-      .catch((error) => {
-        one.picture = null; // asked for again when it is shown again
-        throw error;
-      });
-    return one.picture;
+  /** Asks for the pictures that are not there yet, one after the other, so that nothing else waits for them. */
+  async #fill() {
+    if (this.isFilling) return;
+    this.isFilling = true;
+    try {
+      for (let one; (one = this.keyframes.find(({ picture }) => !picture)); ) {
+        const seen = await askPicture("/api/frame", { pose: one.pose, ...this.host.lens(), ...THUMB });
+        const at = this.keyframes.indexOf(one);
+        if (at < 0) continue;
+        one.picture = URL.createObjectURL(seen);
+        this.list.children[at].querySelector("img").src = one.picture;
+      }
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error; // asked for again by `retry`
+    } finally {
+      this.isFilling = false;
+    }
   }
 }
 

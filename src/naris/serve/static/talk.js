@@ -27,7 +27,7 @@ async function once(path, options, read) {
   }
   tell(false);
   if (answer.status === 403) {
-    throw new Refused("the server was started anew: open the address that it printed; what is here is kept until then");
+    throw new Refused("the server was started anew: open the address that it printed; keyframes are kept until then");
   }
   let why = `the server answered ${answer.status}`;
   try {

@@ -1,6 +1,6 @@
 // Going somewhere: to a place, along the keyframes, to what a bookmark says.
 
-import { $, complain, say, state } from "./desk.js";
+import { $, complain, say, state } from "./ui.js";
 import { between } from "./flight.js";
 import { askJson } from "./talk.js";
 
@@ -29,7 +29,7 @@ export async function play(page) {
   if (state.playing) return (state.playing = null);
   if (state.keyframes.length < 2) return say("two keyframes make a trajectory: save another viewpoint", true);
   try {
-    await page.strip.saving;
+    await page.strip.saved();
     const { poses } = await askJson("/api/trajectory?step_mm=1");
     page.flight.remember();
     state.playing = { poses, at: 0 };

@@ -2,14 +2,14 @@
 
 import { Refused } from "./talk.js";
 
-const SAY_MS = 6000;
+const SAY_MS = 6000, OFFER_MS = 20000;
 
 export const $ = (id) => document.getElementById(id);
 
 export const state = {
   fov: 70, playing: null, flying: null, exact: false, stillSince: 0, wasTold: false, lastDraw: 0, drawn: 0, marks: 0,
   view: "", beside: "", look: 0, strokes: 0, strokesDrawn: 0, ratio: 1, isRough: false, paused: false, keyframes: [], dropped: false,
-  keepUntil: 0, outsideAt: 0,
+  keepUntil: 0, outsideAt: 0, pointer: null,
 };
 
 /** A sentence at the top for a while; `offer` has the label of a button beside it, and what that does. */
@@ -26,7 +26,7 @@ export function say(text, isWrong = false, offer = null) {
   $("message").className = isWrong ? "wrong" : "";
   $("message").hidden = false;
   clearTimeout(state.saying);
-  state.saying = setTimeout(() => ($("message").hidden = true), SAY_MS);
+  state.saying = setTimeout(() => ($("message").hidden = true), offer ? OFFER_MS : SAY_MS);
 }
 
 export function complain(error) {
