@@ -121,7 +121,7 @@ def _off(rays, seen, point, variance, k):
 
     Gives the way across the wall, then along it that away from the camera and that across the ray, squared, the
     precisions of these two, and how fast the first grows when the wall moves. How long the patch is, and how fast its
-    middle slides, is told as if no wall were seen at less than about 6°.
+    middle slides, is told as if no wall were seen at less than about 6°, nor from outside.
     """
     n = len(seen.t)
     t, x, y, z = load(seen.t, k), load(rays.x, k), load(rays.y, k), load(rays.z, k)

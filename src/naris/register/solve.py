@@ -76,7 +76,8 @@ def coarse(
     """From all starts on some of the rays, the smooth error counted as noise.
 
     With the wide noise half of those rays are enough where there are many starts. Those that are far behind then are
-    dropped, of points fewer: they tell places apart less; and so are all but one of those that came to the same place.
+    dropped, of points fewer: they tell places apart less; and so are all but one of those that came to the same place
+    at the same scale.
     With `every` none is, and all those rays are used throughout.
     """
     few = most_rays if every or len(starts.poses) <= _FEW_STARTS else min(most_rays, _WIDE_RAYS)
@@ -182,7 +183,7 @@ def different(
     apart_rad: float = _SAME_RAD,
     apart_log: float = np.inf,
 ) -> Int[np.ndarray, "m"]:
-    """The best, none of which is within both distances of a better one, nor of a logarithm of scale within a third."""
+    """The best, none of which is within both distances and `apart_log`, that of scales, of a better one."""
     chosen: list[int] = []
     for k in range(len(solutions)):
         near = alike(solutions.poses[chosen], solutions.poses[k], apart_mm, apart_rad)
