@@ -48,8 +48,8 @@ WEIGHTS = {
     for start, weight in (("none", 1.0), ("region", 1.0), ("other", 5 / 12), ("mistold", 1 / 3), ("views", 1.0))
     for noise in ALL
 } | {"other views b": 5 / 12, "other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
-"""Other patients are rarer in use than here. Where depth was seen they count no more than it takes to refuse 95 % of those
-left out; of clouds, which are the hardest to tell, that much would take the calibration error above 3 %."""
+"""Other patients are rarer in use than here. Where depth was seen they count no more than it takes to refuse 95 % of
+those left out; of clouds, the hardest to tell, that much would take the calibration error above 3 %."""
 _GROUPS = 6
 _OF_COVARIANCE = {"depth": ("none b", "none c"), "several": ("views b",), "points": ("none d", f"none {FREE_POINTS}")}
 MISTOLD = (0.6, 1.7)
