@@ -66,6 +66,27 @@ def test_it_serves_until_ctrl_c(tube: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []  # nothing was saved, so nothing is there
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_what_was_painted_is_written_when_it_ends(tube: Path, tmp_path: Path, ending: signal.Signals) -> None:
+    anatomy = winding_tube()
+    line = anatomy.passages[0].points_mm
+    at = line[len(line) // 2].tolist()
+    number = (int(anatomy.region_set().label(line[len(line) // 2])) + 1) % 4
+    with steering(str(tube), "--port", "0", "--json", folder=tmp_path) as child:
+        address = str(told(child)["address"])
+        opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+        opener.open(address, timeout=30).read()
+        body = json.dumps({"region": number, "radius_mm": 4, "points": [at]}).encode()
+        paint = urllib.request.Request(
+            address.split("?")[0] + "api/regions/paint", body, {"content-type": "application/json"}
+        )
+        assert opener.open(paint, timeout=30).status == 200
+        child.send_signal(ending)
+        assert child.wait(30) == 0
+    assert (tmp_path / "regions-1.json").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -71,6 +71,8 @@ def saved(run: Callable[..., Any], count: int) -> None:
         ("ac", "aYc", "aYc"),  # deleted here, renamed there: it is wanted
         ("", "abc", ""),
         ("abc", "", ""),
+        ("aBXc", "abXc", "aXcB"),  # two at one pose: known by their names as well, so that a new name is a new one
+        ("abX", "aX", "aX"),
     ],
 )
 def test_what_either_changed_is_in_both(run: Callable[..., Any], here: str, there: str, both: str) -> None:
@@ -271,3 +273,25 @@ def test_a_ring_shows_how_far_the_brush_reaches_where_there_is_a_wall(run: Calla
         assert run(width) is None  # nothing is there
     finally:
         run("document.getElementById('brush').click(); naris.go(naris.page.start.pose)")
+
+
+def test_what_was_typed_gives_the_keys_back_with_enter_or_escape(run: Callable[..., Any], browser: Any) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    saved(run, 1)
+    field = browser.find_element("css selector", "#strip input")
+    field.send_keys("x", Keys.ENTER)
+    until(lambda: run("return document.activeElement.id") == "inside-canvas")
+    assert run("return naris.page.strip.keyframes[0].name") == "00x"
+    browser.find_element("id", "optics").send_keys(Keys.ESCAPE)
+    until(lambda: run("return document.activeElement.id") == "inside-canvas")
+
+
+def test_all_that_is_refused_of_several_files_is_told(run: Callable[..., Any], browser: Any) -> None:
+    told = browser.execute_async_script(
+        "const done = arguments[arguments.length - 1], file = (name, text) => new File([text], name);"
+        "const files = [file('bad.txt', 'no pose'), file('worse.zip', 'none'), file('good.txt', '0,0,1\\n0,0,1\\n')];"
+        "naris.page.strip.saved().then(() => naris.takeAll(files))"
+        ".then(() => done(document.getElementById('message').textContent))"
+    )
+    assert "bad.txt: expected" in told and "worse.zip: expected" in told

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import secrets
+import signal
 import socket
-from collections.abc import Callable
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import uvicorn
 from fastapi import FastAPI
@@ -38,8 +40,21 @@ def serve(app: FastAPI, port: int, ready: Callable[[str, int], None], token: str
         Guard(app, taken, token), log_level="warning", access_log=False, server_header=False, lifespan="off"
     )
     ready(f"http://{HOST}:{taken}/?token={token}", taken)
-    with listening, suppress(KeyboardInterrupt):
+    with listening, _terminated_as_interrupted(), suppress(KeyboardInterrupt):
         uvicorn.Server(config).run(sockets=[listening])
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """SIGTERM, which uvicorn raises again once it has ended, ends no more than Ctrl-C does: what follows is done."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread is given signals
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def listen(port: int) -> socket.socket:

@@ -381,7 +381,8 @@ class Viewer:
                 work.said = f"{count} pictures in {folder.name}"
         except Stopped:
             shutil.rmtree(folder, ignore_errors=True)
-            work.said = f"stopped at {work.done} of {work.total} pictures: none is kept"
+            at = f"at {work.done} of {work.total} pictures" if work.total else "before the first picture"
+            work.said = f"stopped {at}: none is kept"
         except NarisError as error:
             work.said = str(error)
         except OSError as error:

@@ -107,6 +107,9 @@ export function controls(page) {
   $("simulate").addEventListener("click", () => simulate(page));
   $("simulate-stop").addEventListener("click", stopSimulating);
   document.addEventListener("keydown", (event) => {
+    const isDone = event.key === "Escape" || (event.key === "Enter" && event.target.matches?.("input"));
+    if (isDone && event.target.matches?.("input, select") && !$("help").open) setTimeout(back); // what was typed is taken first
+    if ($("help").open && event.key === "?") return $("help").close();
     const isUndo = (event.ctrlKey || event.metaKey) && event.code === "KeyZ" && !event.shiftKey;
     if (isUndo && !takes(event.target, event.code) && page.strip.undelete()) event.preventDefault();
     if (event.ctrlKey || event.metaKey || event.altKey || takes(event.target, event.code) || $("help").open) return;

@@ -7,7 +7,8 @@ const DIGITS = 6;
  * deleted. A keyframe is known by its pose.
  */
 export function merged(known, here, there) {
-  const [before, ours, theirs] = [known, here, there].map(keyed);
+  const lists = [known, here, there], shared = sharedIn(lists);
+  const [before, ours, theirs] = lists.map((list) => keyed(list, shared));
   const isRenamed = (key, now) => before.has(key) && now.get(key).name !== before.get(key).name;
   const kept = new Map();
   for (const [key, one] of ours) {
@@ -25,14 +26,28 @@ export function merged(known, here, there) {
   return order.filter((key) => kept.has(key)).map((key) => kept.get(key));
 }
 
-/** By pose; of those at one pose the first, second and so on. */
-function keyed(keyframes) {
+/** By pose; at poses in `shared`, where several are, by name as well. */
+function keyed(keyframes, shared) {
   const byKey = new Map();
   for (const one of keyframes) {
-    const pose = one.pose.flat().map((x) => x.toFixed(DIGITS)).join(" ");
+    const pose = poseOf(one), name = shared.has(pose) ? one.name : "";
     let count = 0;
-    while (byKey.has(`${pose} ${count}`)) count++;
-    byKey.set(`${pose} ${count}`, one);
+    while (byKey.has(`${pose} ${count} ${name}`)) count++;
+    byKey.set(`${pose} ${count} ${name}`, one);
   }
   return byKey;
+}
+
+/** The poses that any of the lists has twice. */
+function sharedIn(lists) {
+  const shared = new Set();
+  for (const list of lists) {
+    const seen = new Set();
+    for (const pose of list.map(poseOf)) (seen.has(pose) ? shared : seen).add(pose);
+  }
+  return shared;
+}
+
+function poseOf(keyframe) {
+  return keyframe.pose.flat().map((x) => x.toFixed(DIGITS)).join(" ");
 }

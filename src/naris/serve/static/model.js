@@ -2,7 +2,7 @@
 
 import { $, complain, say, state } from "./ui.js";
 import { button } from "./strip.js";
-import { Latest, sendFile } from "./talk.js";
+import { Latest, Refused, sendFile } from "./talk.js";
 import { fly, FLY_MS } from "./travel.js";
 import { VIDEO } from "./video.js";
 
@@ -40,11 +40,16 @@ export function dropping(page) {
 export async function takeAll(page, files) {
   files.sort((a, b) => a.name.localeCompare(b.name, "en", { numeric: true }));
   let added = 0, outside = 0;
+  const refused = [];
   for (const file of files) {
-    const keyframes = await take(page, file);
+    const keyframes = await take(page, file, (error) => refused.push(`${file.name}: ${error.message}`));
     added += keyframes.length;
     outside += keyframes.filter(({ pose }) => page.room.distance(pose.slice(0, 3).map((row) => row[3])) < 0).length;
   }
+  if (refused.length > 1 || (refused.length && added)) {
+    return say(`${added} ${added === 1 ? "keyframe" : "keyframes"} taken in; refused: ${refused.join("; ")}`, true);
+  }
+  if (refused.length) return say(refused[0], true);
   if (!added) return;
   const from = files.length === 1 ? files[0].name : `${files.length} files`;
   const told = `${added} ${added === 1 ? "keyframe" : "keyframes"} from ${from}`;
@@ -52,7 +57,7 @@ export async function takeAll(page, files) {
 }
 
 /** A file that was dropped or chosen: keyframes, which it gives, or a picture or video for the model to locate. */
-export async function take(page, file) {
+export async function take(page, file, refused = complain) {
   try {
     if (/\.(json|txt|zip)$/i.test(file.name)) {
       const { keyframes } = await sendFile(`/api/keyframes/import?name=${encodeURIComponent(file.name)}`, file);
@@ -63,7 +68,8 @@ export async function take(page, file) {
     else if (file.type.startsWith("video/") || VIDEO.test(file.name)) page.video.open(file);
     else await locate(page, file, file.name);
   } catch (error) {
-    complain(error);
+    if (error instanceof Refused) refused(error);
+    else complain(error);
   }
   return [];
 }

@@ -14,7 +14,7 @@ import { Strip } from "./strip.js";
 import { $, complain, say, state } from "./ui.js";
 import { controls, theme } from "./controls.js";
 import { drawing, lensTold, showExact } from "./exact.js";
-import { believing, dropping, locate, locating, showBelief, take } from "./model.js";
+import { believing, dropping, locate, locating, showBelief, take, takeAll } from "./model.js";
 import { brushed, repainted } from "./painting.js";
 import { gamepad, pointers, ring } from "./pointers.js";
 import { bookmark, bookmarked, fly, flying, playing } from "./travel.js";
@@ -223,6 +223,7 @@ function expose(page) {
     step: (seconds) => step(page, seconds, performance.now()),
     lens: lensOf,
     take: (file) => take(page, file),
+    takeAll: (files) => takeAll(page, files),
     roll: () => rollOf(page.flight.pose),
     project: (point) => project(page.flight.pose, point, state.fov),
     distance: () => page.room.distance(page.flight.position),
