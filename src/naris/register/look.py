@@ -71,7 +71,7 @@ def refused(
     draw = ImageDraw.Draw(made)
     draw.text((side, side), _WARNING, fill=_WHITE, font_size=head - 2 * side)
     for half, told in enumerate(_HALVES):
-        place = side + half * pair.shape[1] // 2, len(framed) - foot + side // 2
+        place = side + half * pair.shape[1] // 2, len(framed) - foot
         draw.text(place, told, fill=_WHITE, font_size=foot - side)
     return np.asarray(made)
 
