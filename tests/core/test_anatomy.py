@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from naris.core.anatomy import NOWHERE, Anatomy, GridRegions, Passage, RegionSet, SlabRegions
+from naris.core.anatomy import NOWHERE, Anatomy, Between, GridRegions, Passage, RegionSet, SlabRegions
 from naris.core.camera import Intrinsics
 from naris.core.frame import Frame, Sample
 from naris.core.pose import Pose
@@ -102,6 +102,14 @@ def test_the_corner_of_a_box_points_along_its_diagonal() -> None:
     """Weighted by angle, the three sides count alike however they are cut into triangles."""
     box = cube()
     np.testing.assert_allclose(box.vertex_normals, np.sign(box.vertices_mm) / np.sqrt(3), atol=1e-12)
+
+
+def test_the_air_before_the_walls_is_on_the_side_where_it_is() -> None:
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
+    sphere = cube(vertices_mm=np.array(mesh.vertices), faces=np.array(mesh.faces, dtype=np.int32))
+    np.testing.assert_allclose(np.linalg.norm(sphere.before_walls_mm(0.5), axis=1), 9.5, atol=1e-3)
+    around = cube(vertices_mm=sphere.vertices_mm, faces=sphere.faces, airspace=Between(2))
+    np.testing.assert_allclose(np.linalg.norm(around.before_walls_mm(0.5), axis=1), 10.5, atol=1e-3)
 
 
 def test_the_digest_tells_shapes_apart_and_nothing_else() -> None:

@@ -17,7 +17,6 @@ from naris.errors import InputError, RegionError
 if TYPE_CHECKING:
     from naris.register.map import RegistrationMap
 
-_BEFORE_WALLS_MM = 0.4
 MAPS = "maps"
 """The folder of prepared anatomies in the cache."""
 
@@ -39,17 +38,11 @@ def open_anatomy(
     added = regions if regions is not None and (regions == SLABS or Path(regions).suffix == ".json") else None
     anatomy = load_anatomy(what, regions=added, frame=frame, unit=unit)
     chosen = anatomy.region_set(None if added else regions)
-    if added is not None and not _has_air_in(anatomy, chosen):
+    if added is not None and (chosen.label(anatomy.before_walls_mm()) < 0).all():
         raise RegionError(
             f"regions of {anatomy.name}", f"some in which it has no air, from {regions}", "give those of this anatomy"
         )
     return anatomy, chosen
-
-
-def _has_air_in(anatomy: Anatomy, regions: RegionSet) -> bool:
-    """Whether any of the air before the walls is in a region."""
-    before_walls = anatomy.vertices_mm - _BEFORE_WALLS_MM * anatomy.vertex_normals
-    return bool((regions.label(before_walls) >= 0).any())
 
 
 def map_of(anatomy: Anatomy) -> RegistrationMap:

@@ -160,6 +160,8 @@ class Between:
 
 Airspace = Enclosed | Between
 """On which side of the surface the air is, and how far it goes."""
+BEFORE_WALLS_MM = 0.4
+"""So near to a wall there is air before it, and no other wall yet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +228,11 @@ class Anatomy:
             angle = np.arccos(np.clip((_unit(q - p) * _unit(r - p)).sum(axis=1), -1, 1))
             np.add.at(normals, self.faces[:, corner], face_normal * angle[:, None])
         return _unit(normals)
+
+    def before_walls_mm(self, away_mm: float = BEFORE_WALLS_MM) -> Float[np.ndarray, "v 3"]:
+        """The air in front of each vertex, so far from it."""
+        outwards = -1.0 if self.airspace.kind == "enclosed" else 1.0
+        return self.vertices_mm + outwards * away_mm * self.vertex_normals
 
     @cached_property
     def bounds_mm(self) -> Float[np.ndarray, "2 3"]:

@@ -25,7 +25,6 @@ FARTHEST_MM, DEEPEST_MM = 12.0, 1.0
 another, and no place there is a dead end."""
 STEP_MM = 0.001
 _STRIDE = 2  # of the nodes that regions are told at
-_INTO_LUMEN_MM = 0.4
 _LOOK_AHEAD_MM = 3.0
 _LEAST_PLACE_MM = 0.3
 _OFF_BORDER_MM = 2.0
@@ -57,7 +56,7 @@ def surface_parcel(anatomy: Anatomy, regions: RegionSet | None) -> bytes:
         "vertices": vertices.astype(np.float32),
         "normals": normals.astype(np.float32),
         "faces": anatomy.faces.astype(np.uint32),
-        "region": _labels(regions, _before_walls(anatomy)),
+        "region": _labels(regions, anatomy.before_walls_mm()),
     }
     for number, passage in enumerate(anatomy.passages):
         arrays[f"passage{number}"] = passage.points_mm.astype(np.float32)
@@ -100,7 +99,7 @@ def regions_parcel(anatomy: Anatomy, regions: RegionSet, about: dict[str, Any]) 
     """The regions alone, as they are in the parcels of the surface and the room, and where each may be entered."""
     nodes = lumen_distance(anatomy).nodes_mm
     grid = np.stack(np.meshgrid(*(axis[::_STRIDE] for axis in nodes), indexing="ij"), axis=-1)
-    arrays = {"surface": _labels(regions, _before_walls(anatomy)), "room": _labels(regions, grid)}
+    arrays = {"surface": _labels(regions, anatomy.before_walls_mm()), "room": _labels(regions, grid)}
     return parcel(arrays, {**about, "places": _told(places(anatomy, regions))})
 
 
@@ -193,16 +192,6 @@ def start_pose(anatomy: Anatomy) -> Pose:
 
 def _told(places: list[Place]) -> list[dict[str, Any]]:
     return [{"name": one.name, "kind": one.kind, "pose": one.anatomy_T_camera.matrix.tolist()} for one in places]
-
-
-def _before_walls(anatomy: Anatomy) -> Float[np.ndarray, "v 3"]:
-    """The air in front of each corner of the surface."""
-    return anatomy.vertices_mm + _side(anatomy) * _INTO_LUMEN_MM * anatomy.vertex_normals
-
-
-def _side(anatomy: Anatomy) -> float:
-    """On which side of the closed surface its air lies: −1 inside, 1 outside, along the outward normals."""
-    return -1.0 if anatomy.airspace.kind == "enclosed" else 1.0
 
 
 def _labels(regions: RegionSet | None, points_mm: Float[np.ndarray, "*n 3"]) -> UInt8[np.ndarray, "*n"]:
