@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,7 @@ import pytest
 from scipy.optimize import brentq
 from skimage.metrics import structural_similarity
 
-from naris.anatomy.folder import save_anatomy
-from naris.bench.browser import chromium, missing_browser, opened, shown, sized, steering, until
+from naris.bench.browser import chromium, missing_browser, opened, shown, sized, until
 from naris.core.camera import Brown, Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.dataset.read import Dataset
@@ -24,29 +23,9 @@ from tests import simulated_head
 TURNS = ["ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "KeyQ", "KeyE"]
 MOVES = ["KeyW", "KeyS", "KeyA", "KeyD", "PageUp", "PageDown"]
 
-SMALL = (1020, 600)
 LACKS = missing_browser()
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKS is not None, reason=f"needs {LACKS}")]
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("steer")
-
-
-@pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    save_anatomy(simulated_head.nose(), folder / "nose")
-    with steering(["nose"], folder) as (address, _):
-        yield address
-
-
-@pytest.fixture(scope="module")
-def browser(address: str) -> Iterator[Any]:
-    with chromium(*SMALL) as driver:  # a graphics card in software takes long
-        opened(driver, address)
-        yield driver
-        assert [line for line in driver.get_log("browser") if line["level"] == "SEVERE"] == []
+steered = simulated_head.nose
 
 
 @pytest.fixture
@@ -430,7 +409,7 @@ def test_every_control_has_a_name_and_nothing_sticks_out(run: Callable[..., Any]
               nameless: nameless.map((e) => e.id)}"""
         )
         assert told == {"over": 0, "tall": 0, "nameless": []}, width
-    sized(browser, *SMALL)
+    sized(browser, 1020, 600)
 
 
 def test_without_webgl_the_page_says_so(address: str) -> None:

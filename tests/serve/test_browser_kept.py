@@ -2,38 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from naris.anatomy.folder import save_anatomy
-from naris.bench.browser import chromium, missing_browser, opened, steering, until
+from naris.bench.browser import missing_browser, opened, until
 from naris.render.keyframes import read_keyframes
 from tests.winding_tube import winding_tube
 
 LACKS = missing_browser()
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(LACKS is not None, reason=f"needs {LACKS}")]
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("kept")
-
-
-@pytest.fixture(scope="module")
-def address(folder: Path) -> Iterator[str]:
-    save_anatomy(winding_tube(), folder / "tube")
-    with steering(["tube"], folder) as (address, _):
-        yield address
-
-
-@pytest.fixture(scope="module")
-def browser(address: str) -> Iterator[Any]:
-    with chromium(1020, 600) as driver:
-        opened(driver, address)
-        yield driver
+steered = winding_tube
+REFUSALS = "status of 400", "status of 403"
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from PIL import Image
 
 from naris.core.pictures import check_array
 from naris.errors import ImageError, InputError, NarisError
-from naris.serve.messages import FrameAsked, PoseTold, SlicesAsked, StrokeTold, UndoTold
+from naris.serve.messages import FrameAsked, LensTold, PoseTold, SlicesAsked, StrokeTold, UndoTold
 from naris.serve.viewer import Viewer
 
 _MODULES = (
@@ -101,11 +101,11 @@ def _keyframes(app: FastAPI, viewer: Viewer) -> None:
         data = await _body(request)
         return JSONResponse({"keyframes": await run_in_threadpool(viewer.taken, data, name)})
 
-    def exported(kind: str) -> Response:
+    def exported(kind: str, lens: Annotated[LensTold, Query()]) -> Response:
         if kind not in _EXPORTS:
             return _nothing(kind)
         header = {"content-disposition": f'attachment; filename="{_EXPORTS[kind]}"'}
-        return Response(viewer.exported(kind), media_type=_BINARY, headers=header)
+        return Response(viewer.exported(kind, lens), media_type=_BINARY, headers=header)
 
     def trajectory(step_mm: Annotated[float, Query(ge=0.01, le=100)] = 1.0) -> JSONResponse:
         return JSONResponse({"poses": viewer.trajectory(step_mm)})

@@ -6,17 +6,13 @@ Nothing here knows of requests (`naris.serve.app`), of who may ask (`naris.serve
 from __future__ import annotations
 
 import hashlib
-import io
 import json
-import re
 import shutil
 import threading
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
@@ -34,19 +30,17 @@ from naris.render.keyframes import (
     Keyframes,
     interpolate,
     read_keyframes,
-    read_original_pose,
     write_keyframes,
-    write_original_keyframes,
 )
 from naris.render.scene import Scene, render
-from naris.serve.archive import texts_in
 from naris.serve.brush import Brush
-from naris.serve.messages import FrameAsked, KeyframesTold, SimulationAsked, SlicesAsked, StrokeTold, UndoTold
+from naris.serve.exchange import as_json, as_original, taken
+from naris.serve.messages import FrameAsked, KeyframesTold, LensTold, SimulationAsked, SlicesAsked, StrokeTold, UndoTold
 from naris.serve.slices import Slices
 from naris.serve.stage import look_parcel, regions_parcel, room_parcel, start_pose, steady, surface_parcel
 from naris.serve.work import Stopped, Work
 
-_ORIGINAL, _MOST_LETTERS = ".txt", 80
+_PICTURE_PX = 300
 
 Locate = Callable[[UInt8[np.ndarray, "h w 3"]], Prediction]
 Simulate = Callable[[Path, Path, Path | None, SimulationAsked, Progress], int]
@@ -233,7 +227,7 @@ class Viewer:
 
     def believed_here(self, matrix: Sequence[Sequence[float]]) -> dict[str, Any]:
         """What the model says of what its own camera would see from a pose."""
-        camera = self.model_camera or Intrinsics.from_vertical_fov(300, 300, 45.0)
+        camera = self.model_camera or Intrinsics.from_vertical_fov(_PICTURE_PX, _PICTURE_PX, 45.0)
         return self.believed(self._rendered(self._pose(matrix), camera, is_steady=False))
 
     # --- keyframes --------------------------------------------------------------------------------------------------
@@ -283,47 +277,20 @@ class Viewer:
             ) from error
 
     def taken(self, content: bytes, name: str) -> list[dict[str, Any]]:
-        """The keyframes of a file, for the page to add.
+        """The keyframes of a file, for the page to add (`naris.serve.exchange.taken`)."""
+        return _rows(taken(content, name, self.anatomy))
 
-        Of ours; or, called `NAME.txt`, one of the original; or of a ZIP archive of such, in the order of their names.
-
-        Raises:
-            KeyframeError: if it is none, or of another anatomy.
-        """
-        if name.lower().endswith(".zip"):
-            rows = tuple(self._original(text, entry) for entry, text in texts_in(content, _ORIGINAL))
-            return _rows(Keyframes(rows))
-        if name.lower().endswith(_ORIGINAL):
-            return _rows(Keyframes((self._original(content, name),)))
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "the file"
-            path.write_bytes(content)
-            return _rows(read_keyframes(path, self.anatomy))
-
-    def _original(self, text: bytes, name: str) -> Keyframe:
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / re.sub(r"[^\w.-]", "_", name[-_MOST_LETTERS:])  # errors name it
-            path.write_bytes(text)
-            return Keyframe(name[: -len(_ORIGINAL)][:_MOST_LETTERS], read_original_pose(path, self.anatomy.frame))
-
-    def exported(self, kind: str) -> bytes:
-        """All keyframes as our JSON file (`json`) or as the text files of the original, zipped (`original`).
-
-        Where names cannot name files, or repeat, the text files are numbered.
+    def exported(self, kind: str, lens: LensTold) -> bytes:
+        """All keyframes as our JSON file (`json`), or zipped as text files of the original (`original`) with pictures.
 
         Raises:
             KeyframeError: if there are none.
         """
         kept = self._some()
-        with TemporaryDirectory() as folder:
-            if kind == "json":
-                write_keyframes(kept, Path(folder) / "keyframes.json")
-                return (Path(folder) / "keyframes.json").read_bytes()
-            buffer = io.BytesIO()
-            with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as whole:
-                for path in write_original_keyframes(_with_file_names(kept), Path(folder)):
-                    whole.write(path, path.name)
-            return buffer.getvalue()
+        if kind == "json":
+            return as_json(kept)
+        camera = lens.camera(_PICTURE_PX, _PICTURE_PX)
+        return as_original(kept, lambda pose: self._rendered(pose, camera, is_steady=False))
 
     def trajectory(self, step_mm: float) -> list[list[list[float]]]:
         """The poses from keyframe to keyframe, as `naris simulate` goes.
@@ -387,10 +354,8 @@ class Viewer:
             work.said = str(error)
         except OSError as error:
             work.said = f"cannot use {folder.name}: {error.strerror}"
-        except Exception:
-            work.said = "it ended by a fault of naris: see what the command printed"
-            raise
         finally:
+            work.said = work.said or "it ended by a fault of naris: see what the command printed"
             work.running = False
 
     def told_work(self) -> dict[str, Any]:
@@ -413,13 +378,6 @@ def _rows(keyframes: Keyframes | None) -> list[dict[str, Any]]:
 
 def _revision(rows: list[dict[str, Any]]) -> str:
     return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:24]
-
-
-def _with_file_names(keyframes: Keyframes) -> Keyframes:
-    names = [one.name for one in keyframes.keyframes]
-    if len(set(names)) == len(names) and all(re.fullmatch(r"[\w.-]+", name) for name in names):
-        return keyframes
-    return Keyframes.of(keyframes.anatomy_T_camera)
 
 
 def _is_square(matrix: Sequence[Sequence[float]]) -> bool:

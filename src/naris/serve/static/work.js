@@ -11,7 +11,7 @@ export async function exported(page, kind, name) {
   try {
     await page.strip.saved();
     const link = document.createElement("a");
-    link.href = URL.createObjectURL(await ask(`/api/keyframes/export/${kind}`));
+    link.href = URL.createObjectURL(await ask(`/api/keyframes/export/${kind}?${new URLSearchParams(lensTold(page))}`));
     link.download = name;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), KEEP_MS);
