@@ -62,7 +62,7 @@ class Viewer:
         slices: of the CT that the anatomy was found in, where that is given.
     """
 
-    PARCELS: ClassVar[tuple[str, ...]] = ("surface", "room", "look")
+    PARCELS: ClassVar[tuple[str, ...]] = ("surface", "look", "room")  # the last takes longest
 
     anatomy: Anatomy
     regions: RegionSet | None

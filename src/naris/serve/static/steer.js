@@ -29,6 +29,7 @@ async function begin() {
     $("here").textContent = "This browser has no WebGL 2: open the page in a current Firefox, Chrome, Edge or Safari.";
     return;
   }
+  const coming = binary("/api/parcel/room"); // takes longest: what can be drawn without it is drawn meanwhile
   const [start, surface, look] = await Promise.all([
     askJson("/api/start"), binary("/api/parcel/surface"), binary("/api/parcel/look"),
   ]);
@@ -39,8 +40,12 @@ async function begin() {
   const geometry = geometryOf(surface), palette = paletteOf(about);
   const inside = new Inside($("inside-canvas"), geometry, palette, look);
   const outside = new Outside($("outside-canvas"), geometry, palette, surface);
-  const room = new Room(await binary("/api/parcel/room"));
-  const flight = new Flight(room, bookmarked(start.digest) ?? start.pose);
+  const pose = bookmarked(start.digest) ?? start.pose;
+  sizes({ inside, outside });
+  inside.draw(pose, state.fov);
+  outside.draw(pose, state.fov, inside.size[0] / inside.size[1]);
+  const room = new Room(await coming);
+  const flight = new Flight(room, pose);
   const page = { start, surface, about, inside, outside, room, flight, keys: new Keys(), slices: null };
   page.brush = new Brush(surface, geometry, room, {
     drawn: () => state.strokes++,
