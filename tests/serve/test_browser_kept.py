@@ -57,10 +57,9 @@ def saved(run: Callable[..., Any], count: int) -> None:
         ("abX", "aX", "aX"),
     ],
 )
-def test_what_either_changed_is_in_both(run: Callable[..., Any], here: str, there: str, both: str) -> None:
+def test_what_either_changed_is_in_both(browser: Any, here: str, there: str, both: str) -> None:
     """Letters are names; those of one place in the alphabet, and X and Y in the second, are of one pose."""
-    driver = run.__self__  # type: ignore[attr-defined]
-    told = driver.execute_async_script(
+    told = browser.execute_async_script(
         "const done = arguments[arguments.length - 1], number = (name) => name.toLowerCase().charCodeAt(0) - 96;"
         "const x = (name) => ({ X: 2, Y: 2 })[name] ?? number(name);"
         "const at = (name) => [[1, 0, 0, x(name)], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];"
