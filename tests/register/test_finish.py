@@ -5,11 +5,14 @@ import pytest
 
 from naris.core.pose import CAMERA, Pose, distance
 from naris.errors import InputError
+from naris.register.equations import MOST_UNKNOWNS
 from naris.register.finish import by_points, cloud_noise
 from naris.register.observation import UNKNOWN, DepthNoise, PointNoise, from_points, from_ranges, together
+from naris.register.rays import prepared, sight
 from naris.register.register import RegisterConfig, register
-from naris.register.solve import fine, judged
+from naris.register.solve import AS_THEY_ARE, fine, judged
 from naris.register.starts import NOTHING, Starts
+from naris.register.steps import States, solve
 
 
 def wall_normals(nose, prepared_nose, points, pose):
@@ -52,6 +55,30 @@ def test_poses_are_judged_as_our_solver_judges_them(prepared_nose, trials):
     again = judged(prepared_nose, seen, Starts(solved.poses, solved.log_scales))
     np.testing.assert_array_equal(again.poses, solved.poses)
     assert again.costs[0] == pytest.approx(solved.costs[0], rel=1e-4)
+
+
+def test_judging_fits_the_smooth_error_as_well_as_solving_does(prepared_nose, trials):
+    """In −2 log likelihood of all rays; it began from no smooth error, which few rays are without."""
+    dearer = []
+    for trial in trials:
+        seen = from_ranges(trial.ranges["b"], trial.rays, DepthNoise())
+        away = trial.anatomy_T_camera @ Pose.exp(np.array([0.3, -0.2, 0.2, 0.06, -0.05, 0.04]), CAMERA, CAMERA)
+        solved = fine(prepared_nose, seen, Starts(away.matrix[None], np.zeros(1)))
+        again = judged(prepared_nose, seen, Starts(solved.poses, solved.log_scales))
+        dearer.append((again.costs[0] - solved.costs[0]) * solved.rays)
+    assert max(dearer) < 0.5
+
+
+def test_no_round_of_fitting_the_smooth_error_makes_a_pose_dearer(prepared_nose, trials):
+    seen = prepared(prepared_nose, trials[0].observation("b"), fine=True)
+    away = trials[0].anatomy_T_camera @ Pose.exp(np.array([0.6, -0.6, 0.5, 0.1, -0.1, 0.1]), CAMERA, CAMERA)
+    costs = []
+    for rounds in range(12):
+        states = States(away.matrix[None].copy(), np.zeros(1), np.zeros((1, MOST_UNKNOWNS)), np.zeros(1))
+        solve(sight(prepared_nose, seen), states, AS_THEY_ARE._replace(rounds=rounds), 0, 1)
+        costs.append(states.costs[0])
+    assert (np.diff(costs) < 1e-5).all()
+    assert costs[-1] < costs[2] - 1e-3 < costs[0]
 
 
 def test_depth_is_wrong_along_its_rays(trials):

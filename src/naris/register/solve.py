@@ -17,10 +17,11 @@ from naris.register.steps import Schedule, States, judge, solve
 from naris.register.threads import spread
 
 COARSE_RAYS, _WIDE_RAYS = 256, 128
-WIDE, COARSE = (Schedule(np.array([width]), np.array([6])) for width in (4.0, 1.0))
+WIDE, COARSE = (Schedule(np.array([width]), np.array([6]), 0) for width in (4.0, 1.0))
 """First with the noise said to be four times as wide, which lets a start slip over what is small."""
-FINE = Schedule(np.array([1.0]), np.array([15]))
-AS_THEY_ARE = Schedule(np.array([1.0]), np.array([0]))
+FINE = Schedule(np.array([1.0]), np.array([15]), 2)
+AS_THEY_ARE = Schedule(np.array([1.0]), np.array([0]), 60)
+"""Nothing mends later what is left of the smooth error; where steps follow, more rounds find no more poses."""
 BASIN_MM, BASIN_RAD = 2.0, 0.15
 """Poses further apart than either of these are different answers."""
 _COARSE_OUTLIERS = 0.1

@@ -13,11 +13,11 @@ from naris.register.cloud_equations import Cloud, linearise_cloud
 from naris.register.equations import CLOUD, MOST_UNKNOWNS, POSE, Equations, Memory, Model, Rays, linearise_rays
 from naris.render.packets import Embree
 
-_ROUNDS = 2  # of fitting the smooth error before the first step
 _LONGEST_MM, _LONGEST_RAD = 2.0, 0.3
 _MOST_SCALE = 0.3
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-5, 1e4
 _STILL, _STILL_MM, _STILL_RAD = 1e-4, 0.02, 0.002
+_STILL_FIT = 1e-5
 
 _njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
 _part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
@@ -50,10 +50,17 @@ class States(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """The width of the noise and the most steps of each stage."""
+    """How long is solved.
+
+    Attributes:
+        widths: of the noise, by stage.
+        steps: the most of them, by stage.
+        rounds: the most of fitting the smooth error before the first step.
+    """
 
     widths: np.ndarray
     steps: np.ndarray
+    rounds: int
 
 
 @_part_njit
@@ -115,12 +122,19 @@ def _move(pose, step):
 
 
 @_part_njit
-def _fit_smooth(sight, pose, log_scale, smooth, equations):
-    """The smooth error that suits a pose, the pose kept: else the first step blames the pose for it."""
+def _fit_smooth(sight, pose, log_scale, smooth, rounds, equations):
+    """The smooth error that suits a pose, the pose kept: else the first step blames the pose for it.
+
+    Each round is one of expectation and maximisation (Dempster, Laird and Rubin 1977): the cost never rises.
+    """
     first, n = POSE + sight.model.free, sight.model.smooth
     part, change = np.empty((n, n)), np.empty(n)
-    for _ in range(_ROUNDS):
-        linearise(sight, pose, log_scale, smooth, 1.0, equations)
+    before = np.inf
+    for _ in range(rounds):
+        cost = linearise(sight, pose, log_scale, smooth, 1.0, equations)
+        if before - cost < _STILL_FIT:
+            break
+        before = cost
         for i in range(n):
             for j in range(i + 1):
                 part[i, j] = equations.matrix[first + i, first + j]
@@ -144,7 +158,7 @@ def solve(sight, states, schedule, first, last):
     for i in range(first, last):
         pose, log_scale, damping, cost = states.poses[i], states.log_scales[i], _DAMPING, 0.0
         if model.smooth:
-            _fit_smooth(sight, pose, log_scale, smooth[i], here)
+            _fit_smooth(sight, pose, log_scale, smooth[i], schedule.rounds, here)
         for stage in range(len(schedule.widths)):
             width = schedule.widths[stage]
             cost = linearise(sight, pose, log_scale, smooth[i], width, here)
