@@ -8,6 +8,7 @@ import pytest
 
 from naris.bench import BenchRequest, in_our_place, peer_trials
 from naris.bench.in_our_place import SOLVERS
+from naris.bench.peer_trials import ASKED, NO_SCALE
 from naris.bench.point_peers import NOT_INSTALLED
 from naris.bench.trials import FROZEN, has_frozen
 
@@ -17,7 +18,8 @@ DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 @pytest.mark.parametrize("request_", [BenchRequest(), BenchRequest(quick=True, scans=DATA)])
 def test_without_the_trials_or_the_time_there_are_no_values(request_: BenchRequest) -> None:
     told = peer_trials.figures(request_)
-    assert {f"register.peers.{name.lower()}.d.success" for name in SOLVERS} <= {one.name for one in told}
+    asked = {f"{name.lower()}.{start}.{noise}" for name in SOLVERS for start, noise in ASKED}
+    assert {f"register.peers.{one}.{what}" for one in asked for what in ("success", "cpu_s")} == {o.name for o in told}
     assert all(one.value is None and one.n == 0 for one in told)
 
 
@@ -29,8 +31,13 @@ def test_all_who_are_there_get_the_same_trials(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(in_our_place, "aligner", lambda *_: NOT_INSTALLED)
     told = {one.name: one for one in peer_trials.figures(BenchRequest(quick=True, scans=DATA, only="peers"))}
     for name in ("naris", "icp", "imlp"):
-        assert told[f"register.peers.{name}.d.success"].n == 1
-        assert (told[f"register.peers.{name}.d.cpu_s"].value or 0) > 0
-    missing = told["register.peers.open3d.d.success"]
+        for asked in ("region.b", "region.d", "none.d", "pose.b", "views3.b"):
+            assert told[f"register.peers.{name}.{asked}.success"].n == 1
+            assert (told[f"register.peers.{name}.{asked}.cpu_s"].value or 0) > 0
+    assert told["register.peers.naris.views3.c.success"].n == 1
+    scale = told["register.peers.icp.views3.c.success"]
+    assert scale.value is None
+    assert scale.peers == {"icp": NO_SCALE}
+    missing = told["register.peers.open3d.region.d.success"]
     assert missing.value is None
     assert missing.peers == {"Open3D": NOT_INSTALLED}

@@ -18,7 +18,7 @@ from naris.anatomy.scanned import anatomy_of_airway
 from naris.bench.chain_record import Fit, FrameRecord, Outcome, PatientRecord, read_record, write_record
 from naris.bench.in_our_place import OURS, Solver, solver_of
 from naris.bench.point_peers import PEERS
-from naris.bench.register import FROM_POSE
+from naris.bench.problems import FROM_POSE
 from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, Noise, Trial, drawn_trials, frames
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.pose import Pose, distance, stack

@@ -38,48 +38,47 @@ Solver = Callable[[RegistrationMap, Observation, Belief], Pose]
 """From what was seen and what is believed to the most likely `anatomy_T_camera`; nobody refuses here."""
 
 
-def solver_of(name: str, anatomy: Anatomy, seed: int = 0) -> Solver | str:
+def solver_of(name: str, anatomy: Anatomy, seed: int = 0, config: RegisterConfig = RegisterConfig()) -> Solver | str:
     """One of `SOLVERS` made ready for an anatomy; or why it cannot be.
 
     Args:
         name: of the solver.
         anatomy: what is registered to.
         seed: of the points that stand for its surface, and of the starts beside believed poses.
+        config: how much is tried.
     """
+    starts = min(config.starts, STARTS)
     if name == OURS:
-        return lambda at, seen, belief: _by_us(at, seen, belief, seed)
+        return lambda at, seen, belief: _by_us(at, seen, belief, replace(config, starts=starts, seed=seed))
     if name in METHODS:
         method: Literal["icp", "imlp"] = "icp" if name == "icp" else "imlp"
-        config = RegisterConfig(method=method, seed=seed, aside=0)
-        return lambda at, seen, belief: register(at, seen, belief, config).best
+        by_points = replace(config, method=method, seed=seed, aside=0)
+        return lambda at, seen, belief: register(at, seen, belief, by_points).best
     target = target_of(anatomy.vertices_mm, anatomy.faces, _TARGET_POINTS, np.random.default_rng(seed))
     of_cloud = aligner(name, target, _REACHES_MM)
     if isinstance(of_cloud, str):
         return of_cloud
-    return lambda at, seen, belief: _by_library(of_cloud, at, seen, belief, seed)
+    return lambda at, seen, belief: _by_library(
+        of_cloud, at, seen, find_starts(at, seen, belief, starts, np.random.default_rng(seed))
+    )
 
 
-def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, seed: int) -> Pose:
-    rough = coarse(at, seen, _starts(at, seen, belief, seed))
-    best = fine(at, seen, promising(rough, RegisterConfig().finalists)).poses[0]
+def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, config: RegisterConfig) -> Pose:
+    rough = coarse(at, seen, find_starts(at, seen, belief, config.starts, np.random.default_rng(config.seed)))
+    best = fine(at, seen, promising(rough, config.finalists)).poses[0]
     return Pose(best, at.anatomy.frame, CAMERA)
 
 
 def _by_library(
-    of_cloud: Callable[[np.ndarray], Align], at: RegistrationMap, seen: Observation, belief: Belief, seed: int
+    of_cloud: Callable[[np.ndarray], Align], at: RegistrationMap, seen: Observation, starts: Starts
 ) -> Pose:
-    points = seen.origins + seen.ranges[:, None] * seen.directions
-    starts, ended = _starts(at, seen, belief, seed), []
+    points, ended = seen.origins + seen.ranges[:, None] * seen.directions, []
     # Everything is prepared once for a scale: all starts share it where it is known.
     aligned = {scale: of_cloud(np.exp(scale) * points) for scale in set(starts.log_scales.tolist())}
     for pose, scale in zip(starts.poses, starts.log_scales.tolist(), strict=True):
         ended.append(_proper(aligned[scale](pose)))
     best = judged(at, seen, replace(starts, poses=np.stack(ended))).poses[0]
     return Pose(best, at.anatomy.frame, CAMERA)
-
-
-def _starts(at: RegistrationMap, seen: Observation, belief: Belief, seed: int) -> Starts:
-    return find_starts(at, seen, belief, STARTS, np.random.default_rng(seed))
 
 
 def _proper(pose: np.ndarray) -> np.ndarray:

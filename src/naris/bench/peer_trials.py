@@ -1,4 +1,7 @@
-"""Other solvers in the place of ours: the frozen trials of points (noise d), from the true region's starts."""
+"""Other solvers in the place of ours on the frozen trials: from the true region, nothing and a pose, and three views.
+
+Success and CPU seconds stand beside those of the whole registration (`register.region.b.success` and the like).
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,25 @@ from typing import NamedTuple
 import numpy as np
 
 from naris.bench import BenchRequest
-from naris.bench.in_our_place import SOLVERS, Solver, solver_of
+from naris.bench.in_our_place import METHODS, SOLVERS, Solver, solver_of
+from naris.bench.problems import FROM_POSE, Start, problem
 from naris.bench.result import Figure, wilson
-from naris.bench.trials import Trial, frozen_setting, has_frozen
+from naris.bench.trials import Noise, Trial, frozen_setting, has_frozen
+from naris.core.anatomy import Anatomy
 from naris.core.pose import distance
 from naris.register.map import RegistrationMap, registration_map
-from naris.register.starts import Belief, in_region
+from naris.register.register import RegisterConfig
+from naris.register.starts import Belief
 
 BASE = "register.peers"
+ASKED: tuple[tuple[Start, Noise], ...] = (
+    *(("region", noise) for noise in ("b", "c", "d")),
+    *(("none", noise) for noise in ("b", "c", "d")),
+    ("pose", "b"),
+    *(("views3", noise) for noise in ("b", "c")),
+)
 QUICK_TRIALS = 3
+NO_SCALE = "solves for a known scale only"
 _RIGHT_MM, _RIGHT_RAD = 2.0, np.deg2rad(5.0)
 
 
@@ -33,21 +46,29 @@ def figures(request: BenchRequest) -> list[Figure]:
     """
     left_out = request.quick and request.only is None
     if left_out or request.scans is None or not has_frozen(request.scans):
-        return [figure for name in SOLVERS for figure in _of(name, [], {})]
+        return [figure for asked in ASKED for name in SOLVERS for figure in _of(name, asked, [], {})]
     mean, trials = frozen_setting(request.scans)
     trials = trials[:QUICK_TRIALS] if request.quick else trials
     at, done = registration_map(mean), []
-    for name in SOLVERS:
-        ready = solver_of(name, mean, request.seed)
-        if isinstance(ready, str):
-            done += _of(name, [], {name: ready})
-            continue
-        done += _of(name, _run(request, name, at, trials, ready), {})
+    for asked in ASKED:
+        for name in SOLVERS:
+            ready = _ready(name, mean, asked, request.seed)
+            if isinstance(ready, str):
+                done += _of(name, asked, [], {name: ready})
+            else:
+                done += _of(name, asked, _run(request, name, asked, at, trials, ready), {})
     return done
 
 
-def _of(name: str, solved: Sequence[_Solved], peers: Mapping[str, str]) -> list[Figure]:
-    n, base = len(solved), f"{BASE}.{name.lower()}.d"
+def _ready(name: str, anatomy: Anatomy, asked: tuple[Start, Noise], seed: int) -> Solver | str:
+    start, noise = asked
+    if name in METHODS and noise == "c":
+        return NO_SCALE
+    return solver_of(name, anatomy, seed, FROM_POSE if start == "pose" else RegisterConfig())
+
+
+def _of(name: str, asked: tuple[Start, Noise], solved: Sequence[_Solved], peers: Mapping[str, str]) -> list[Figure]:
+    n, base = len(solved), ".".join((BASE, name.lower(), *asked))
     if not n:
         return [
             Figure(f"{base}.success", None, "1", 0, "higher", peers=dict(peers)),
@@ -62,18 +83,22 @@ def _of(name: str, solved: Sequence[_Solved], peers: Mapping[str, str]) -> list[
 
 
 def _run(
-    request: BenchRequest, name: str, at: RegistrationMap, trials: Sequence[Trial], solver: Solver
+    request: BenchRequest,
+    name: str,
+    asked: tuple[Start, Noise],
+    at: RegistrationMap,
+    trials: Sequence[Trial],
+    solver: Solver,
 ) -> list[_Solved]:
-    regions, solved = at.anatomy.region_set(), []
-    solver(at, trials[0].observation("d"), Belief())  # compiles what there is to compile
-    with request.progress.task(f"{name} on points", len(trials)) as advance:
-        for trial in trials:
-            truth = trial.anatomy_T_camera
-            belief = in_region(regions, regions.names[int(regions.label(truth.position_mm))])
+    solved, (start, noise) = [], asked
+    solver(at, trials[0].observation(noise), Belief())  # compiles what there is to compile
+    with request.progress.task(f"{name}, {start} {noise}", len(trials)) as advance:
+        for number, trial in enumerate(trials):
+            look, belief, _ = problem(at, trial, noise, start, request.seed + number)
             begun = time.process_time()
-            found = solver(at, trial.observation("d"), belief)
+            found = solver(at, look(), belief)
             spent = time.process_time() - begun
-            off_mm, off_rad = distance(found, truth)
+            off_mm, off_rad = distance(found, trial.anatomy_T_camera)
             solved.append(_Solved(bool(off_mm <= _RIGHT_MM and off_rad <= _RIGHT_RAD), spent))
             advance(1)
     return solved

@@ -19,6 +19,7 @@ from jaxtyping import Bool
 
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench import BenchRequest, Measurement, cissticp, contours, deformable, peer_trials, pictures, shot
+from naris.bench.problems import Start, near_truth, problem
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
     FREE_POINTS,
@@ -30,23 +31,20 @@ from naris.bench.trials import (
     drawn_trials,
     frozen_setting,
     has_frozen,
-    neighbours_of,
 )
-from naris.core.pose import CAMERA, Pose, distance
+from naris.core.pose import distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
 from naris.evaluate.score import auroc, normalised_square, reliability
 from naris.register.confidence import FITTED
 from naris.register.map import RegistrationMap, registration_map
-from naris.register.observation import Observation, together
 from naris.register.register import RegisterConfig, register
 from naris.register.solve import coarse
-from naris.register.starts import NOTHING, Belief, Starts, in_region, near
+from naris.register.starts import NOTHING, Starts
 
 PATIENTS, VIEWS = 20, 10
 QUICK_PATIENTS, QUICK_VIEWS = 1, 4
 OF_PATIENTS = ".patients"
-FROM_POSE = RegisterConfig(starts=8, finalists=1, aside=0)
 GOALS = {
     "region": {"a": 1.0, "b": 0.85, "c": 0.70, "d": 0.80},
     "none": {"b": 0.80, "c": 0.65, "d": 0.75},
@@ -54,7 +52,6 @@ GOALS = {
     "pose": {"b": 0.85},
 }
 CPU_GOALS_S = {"region": 0.3, "none": 1.0, "pose": 0.02}
-_NEAR_MM, _NEAR_RAD = 2.0, np.deg2rad(10.0)
 _OTHERS = 2_000_000  # seeds of the patients here, apart from those that the confidence is fitted on
 SOLVER = (
     "cloud",
@@ -129,7 +126,8 @@ def of_trials(request: BenchRequest) -> list[Figure]:
     known: dict[str, list[Outcome]] = {}
     for suffix, settings in sets:
         _warm_up(settings[0])
-        for start in ("region", "none"):
+        starts: tuple[Start, ...] = ("region", "none")
+        for start in starts:
             for noise in (*NOISES, FREE_POINTS):
                 done = _run(request, f"{start} {noise}{suffix}", settings, noise, start)
                 known[f"{start}.{noise}{suffix}"] = done
@@ -161,7 +159,7 @@ def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
     return sets
 
 
-def _run(request: BenchRequest, what: str, settings: Sequence[Setting], noise: Noise, start: str) -> list[Outcome]:
+def _run(request: BenchRequest, what: str, settings: Sequence[Setting], noise: Noise, start: Start) -> list[Outcome]:
     done = []
     with request.progress.task(what, sum(len(setting.trials) for setting in settings)) as advance:
         for setting in settings:
@@ -172,42 +170,14 @@ def _run(request: BenchRequest, what: str, settings: Sequence[Setting], noise: N
     return done
 
 
-def _once(at: RegistrationMap, trial: Trial, noise: Noise, start: str, seed: int) -> Outcome:
-    rng, views, rig_T_camera = np.random.default_rng([seed, 6]), None, Pose.identity(CAMERA)
-    belief, config = NOTHING, RegisterConfig(seed=seed)
-    if start == "region":
-        regions = at.anatomy.region_set()
-        belief = in_region(regions, regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))])
-    elif start == "pose":
-        belief, config = _near_truth(trial, rng), FROM_POSE
-    elif start == "views3":
-        views, rig_T_camera = neighbours_of(at.anatomy, trial, 2, seed)
+def _once(at: RegistrationMap, trial: Trial, noise: Noise, start: Start, seed: int) -> Outcome:
+    look, belief, config = problem(at, trial, noise, start, seed)
     begun = time.process_time()
-    seen = trial.observation(noise) if views is None else _several(views, rig_T_camera, noise)
-    result = register(at, seen, belief, config)
+    result = register(at, look(), belief, config)
     spent = time.process_time() - begun
     off_mm, off_rad = distance(result.best, trial.anatomy_T_camera)
     normalised = normalised_square(result.best, trial.anatomy_T_camera, result.covariance)
     return Outcome(float(off_mm), float(np.rad2deg(off_rad)), spent, result, normalised)
-
-
-def _several(views: Sequence[Trial], rig_T_camera: Pose, noise: Noise) -> Observation:
-    """The views as one observation; those of noise c share the scale of the first, translations too."""
-    if noise != "c":
-        return together([one.observation(noise) for one in views], rig_T_camera)
-    scale = views[0].scale
-    alike = [Trial(one.anatomy_T_camera, one.rays, {"c": scale * one.ranges["b"]}, scale, one.points) for one in views]
-    poses = Pose.of(rig_T_camera.rotation, scale * rig_T_camera.position_mm, CAMERA, CAMERA)
-    return together([one.observation("c") for one in alike], poses)
-
-
-def _near_truth(trial: Trial, rng: np.random.Generator) -> Belief:
-    """A pose at random within 2 mm and 10° of the truth."""
-    step = rng.standard_normal((2, 3))
-    step *= (rng.random((2, 1)) * np.array([[_NEAR_MM], [_NEAR_RAD]])) / np.linalg.norm(step, axis=1, keepdims=True)
-    moved = trial.anatomy_T_camera @ Pose.exp(step.ravel(), CAMERA, CAMERA)
-    spread = np.diag([(_NEAR_MM / 2) ** 2] * 3 + [(_NEAR_RAD / 2) ** 2] * 3)
-    return near(moved, spread[None])
 
 
 def _of(name: str, done: Sequence[Outcome], start: str, noise: str) -> list[Figure]:
@@ -262,7 +232,7 @@ def _solve_ms(setting: Setting) -> Figure:
     """One coarse solve of as many points as the issue names, from poses beside the truth."""
     at, trial = setting.at, setting.trials[0]
     rng = np.random.default_rng(7)
-    beliefs = [_near_truth(trial, rng).poses for _ in range(_REPEATS)]
+    beliefs = [near_truth(trial, rng).poses for _ in range(_REPEATS)]
     poses = np.concatenate([pose.matrix for pose in beliefs if pose is not None])
     starts = Starts(poses, np.zeros(len(poses)))
     seen = trial.observation("b").some(_POINTS)
