@@ -7,6 +7,7 @@ import pytest
 
 from naris.bench import in_our_place
 from naris.bench.in_our_place import OURS, STARTS, solver_of
+from naris.bench.problems import FROM_POSE, problem
 from naris.bench.trials import Noise, Trial, drawn_trials
 from naris.core.pose import distance
 from naris.register.map import RegistrationMap, registration_map
@@ -61,6 +62,34 @@ def test_a_library_gets_points_in_mm_and_each_start_once(
     assert np.median(sizes) == pytest.approx(mm, rel=0.15)
     if not seen.scale.free:
         assert len(clouds) == 1
+
+
+def test_of_fewer_starts_and_of_several_views_a_library_gets_all(
+    tube: RegistrationMap, trial: Trial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clouds, aligned = [], []
+
+    def of_cloud(points: np.ndarray):
+        clouds.append(points)
+        return lambda pose: aligned.append(pose) or pose
+
+    monkeypatch.setattr(in_our_place, "aligner", lambda *_: of_cloud)
+    solver = solver_of("small_gicp", tube.anatomy, config=FROM_POSE)
+    assert not isinstance(solver, str)
+    look, belief, _ = problem(tube, trial, "b", "pose", 0)
+    solver(tube, look(), belief)
+    assert len(aligned) == FROM_POSE.starts
+    of_all = solver_of("small_gicp", tube.anatomy)
+    assert not isinstance(of_all, str)
+    look, belief, _ = problem(tube, trial, "c", "views3", 0)
+    clouds.clear()
+    of_all(tube, look(), belief)
+    assert {len(points) for points in clouds} == {len(look())}
+    # In mm: cameras of a scale that is not known are as far apart as what they see.
+    apart = [np.ptp(points, axis=0).max() for points in clouds]
+    across = np.ptp(look().origins + look().ranges[:, None] * look().directions, axis=0).max()
+    ratio = np.median(apart) / across
+    assert ratio == pytest.approx(1 / trial.scale, rel=0.3)
 
 
 def test_ours_ends_at_the_truth(tube: RegistrationMap, trial: Trial) -> None:

@@ -1,9 +1,9 @@
 """Other solvers in the place of ours: the search finds the starts, they end them, our likelihood chooses.
 
 Our search gives everybody the same poses to begin from; what everybody makes of them is judged by our likelihood, and
-the best is taken. Libraries and our own coarse and fine solver begin from its 40 best starts; ICP and IMLP, as a user
-chooses them (`RegisterConfig.method`), from the finalists that our coarse solver leaves of 200. Nobody
-begins again beside the best.
+the best is taken. Libraries and our own coarse and fine solver begin from its 40 best starts, or from fewer where fewer
+are asked for; ICP and IMLP, as a user chooses them (`RegisterConfig.method`), from the finalists that our coarse solver
+leaves of all. Nobody begins again beside the best. What it costs to judge belongs to what a solver costs.
 
 None of the libraries estimates a scale with a pose. Where it is unknown, each start keeps the one that the search found
 for it.
@@ -45,7 +45,7 @@ def solver_of(name: str, anatomy: Anatomy, seed: int = 0, config: RegisterConfig
         name: of the solver.
         anatomy: what is registered to.
         seed: of the points that stand for its surface, and of the starts beside believed poses.
-        config: how much is tried.
+        config: how much is tried: starts, for all but ICP and IMLP 40 at most, and finalists.
     """
     starts = min(config.starts, STARTS)
     if name == OURS:

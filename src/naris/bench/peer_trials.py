@@ -24,11 +24,17 @@ from naris.register.starts import Belief
 
 BASE = "register.peers"
 ASKED: tuple[tuple[Start, Noise], ...] = (
-    *(("region", noise) for noise in ("b", "c", "d")),
-    *(("none", noise) for noise in ("b", "c", "d")),
+    ("region", "b"),
+    ("region", "c"),
+    ("region", "d"),
+    ("none", "b"),
+    ("none", "c"),
+    ("none", "d"),
     ("pose", "b"),
-    *(("views3", noise) for noise in ("b", "c")),
+    ("views3", "b"),
+    ("views3", "c"),
 )
+"""What has a goal and noise: without noise everybody is right."""
 QUICK_TRIALS = 3
 NO_SCALE = "solves for a known scale only"
 _RIGHT_MM, _RIGHT_RAD = 2.0, np.deg2rad(5.0)

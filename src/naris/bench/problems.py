@@ -36,7 +36,7 @@ def problem(at: RegistrationMap, trial: Trial, noise: Noise, start: Start, seed:
         trial: one view; more are made beside it for `views3`.
         noise: of what is seen.
         start: the true region; nothing; a pose within 2 mm and 10° of the truth; or three views and nothing else.
-        seed: of what is drawn.
+        seed: of what is drawn; starts beside a pose are the same draws for every trial.
     """
     look, config = partial(trial.observation, noise), RegisterConfig(seed=seed)
     if start == "region":

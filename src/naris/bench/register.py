@@ -70,6 +70,7 @@ SOLVER = (
 )
 _POINTS = 400
 _STRANGE: tuple[Noise, ...] = ("b", "c", "d", FREE_POINTS)
+_ONE_VIEW: tuple[Start, ...] = ("region", "none")
 _REPEATS = 200
 
 
@@ -126,8 +127,7 @@ def of_trials(request: BenchRequest) -> list[Figure]:
     known: dict[str, list[Outcome]] = {}
     for suffix, settings in sets:
         _warm_up(settings[0])
-        starts: tuple[Start, ...] = ("region", "none")
-        for start in starts:
+        for start in _ONE_VIEW:
             for noise in (*NOISES, FREE_POINTS):
                 done = _run(request, f"{start} {noise}{suffix}", settings, noise, start)
                 known[f"{start}.{noise}{suffix}"] = done

@@ -21,7 +21,8 @@ WIDE, COARSE = (Schedule(np.array([width]), np.array([6]), 0) for width in (4.0,
 """First with the noise said to be four times as wide, which lets a start slip over what is small."""
 FINE = Schedule(np.array([1.0]), np.array([15]), 2)
 AS_THEY_ARE = Schedule(np.array([1.0]), np.array([0]), 60)
-"""Nothing mends later what is left of the smooth error; where steps follow, more rounds find no more poses."""
+"""To the end, for nothing mends later what is left of the smooth error. Where steps follow, more rounds than two found
+no more poses."""
 BASIN_MM, BASIN_RAD = 2.0, 0.15
 """Poses further apart than either of these are different answers."""
 _COARSE_OUTLIERS = 0.1

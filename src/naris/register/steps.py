@@ -17,7 +17,7 @@ _LONGEST_MM, _LONGEST_RAD = 2.0, 0.3
 _MOST_SCALE = 0.3
 _DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-5, 1e4
 _STILL, _STILL_MM, _STILL_RAD = 1e-4, 0.02, 0.002
-_STILL_FIT = 1e-5
+_STILL_FIT, _DEAREST = 1e-5, 1e30  # −2 log likelihood a ray
 
 _njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
 _part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
@@ -129,7 +129,7 @@ def _fit_smooth(sight, pose, log_scale, smooth, rounds, equations):
     """
     first, n = POSE + sight.model.free, sight.model.smooth
     part, change = np.empty((n, n)), np.empty(n)
-    before = np.inf
+    before = _DEAREST
     for _ in range(rounds):
         cost = linearise(sight, pose, log_scale, smooth, 1.0, equations)
         if before - cost < _STILL_FIT:
