@@ -3,7 +3,8 @@
     python docs/make_benchmark_pages.py            write them
     python docs/make_benchmark_pages.py --check    exit 1 if they are not what the results say
 
-In a page, what stands between `<!-- figure NAME -->` and `<!-- end -->` is replaced by that figure.
+In a page, what stands between `<!-- figure NAME -->` and `<!-- end -->` is replaced by that figure with its interval,
+and after `<!-- value NAME -->` by its value alone, for tables of many.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ RESULTS = DOCS.parent / "benchmarks" / "results"
 FILLED = ("chain.md", "published_experiment.md", "registration.md", "viewer.md")
 MISSING = "not measured yet"
 NONE_WRONG = "none wrong"
-_MARK = re.compile(r"<!-- figure (?P<name>\S+) -->.*?<!-- end -->", re.DOTALL)
+_MARK = re.compile(r"<!-- (?P<how>figure|value) (?P<name>\S+) -->.*?<!-- end -->", re.DOTALL)
 
 
 def main(arguments: list[str]) -> int:
@@ -52,8 +53,9 @@ def filled(text: str, figures: Mapping[str, Figure]) -> str:
     """The text with every marked figure replaced by what was measured."""
 
     def replaced(match: re.Match[str]) -> str:
-        figure = figures.get(match["name"])
-        return f"<!-- figure {match['name']} -->{MISSING if figure is None else told(figure)}<!-- end -->"
+        figure, how = figures.get(match["name"]), match["how"]
+        value = MISSING if figure is None else told(figure, with_interval=how == "figure")
+        return f"<!-- {how} {match['name']} -->{value}<!-- end -->"
 
     return _MARK.sub(replaced, text)
 
@@ -118,12 +120,12 @@ def row(figure: Figure) -> str:
     return f"| `{figure.name}` | {value} | {interval} | {goal} | {figure.n:,} |"
 
 
-def told(figure: Figure) -> str:
-    """A figure in running text, with its interval."""
+def told(figure: Figure, *, with_interval: bool = True) -> str:
+    """A figure in running text."""
     if figure.value is None:
         return no_value(figure)
     text = number(figure.value, figure.unit)
-    if figure.interval is None:
+    if figure.interval is None or not with_interval:
         return text
     low, high = (number(end, figure.unit) for end in figure.interval)
     return f"{text} ({low} … {high})"

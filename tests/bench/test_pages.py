@@ -60,9 +60,11 @@ def test_every_figure_of_a_result_stands_in_the_page(generator: ModuleType) -> N
 
 def test_marks_are_filled_again_and_again(generator: ModuleType) -> None:
     text = "a <!-- figure demo.region_accuracy -->old\nwords<!-- end --> b <!-- figure other --><!-- end -->"
+    text += " c <!-- value demo.region_accuracy -->0<!-- end -->"
     once = generator.filled(text, {SHARE.name: SHARE})
     assert "a <!-- figure demo.region_accuracy -->91.2 % (89.0 % … 93.0 %)<!-- end --> b" in once
     assert "<!-- figure other -->not measured yet<!-- end -->" in once
+    assert once.endswith("c <!-- value demo.region_accuracy -->91.2 %<!-- end -->")
     assert generator.filled(once, {SHARE.name: SHARE}) == once
 
 
