@@ -549,6 +549,7 @@ def test_a_budget_is_kept_and_the_rate_falls_with_the_clock(tmp_path: Path) -> N
     assert rate(PUBLISHED, 0.9) == 1
 
 
+@pytest.mark.long
 def test_runs_side_by_side_are_those_one_after_the_other(tmp_path: Path) -> None:
     progress = _Count()
     one = train_runs(_examples(), TWO_LAYER, [0, 1], tmp_path / "one", workers=1)

@@ -96,7 +96,7 @@ def test_references_of_several_kinds_are_refused() -> None:
         transfer_regions(tube, [])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_between_noses_most_of_the_lumen_gets_its_region() -> None:
     """Two references only; `naris bench anatomy` tells how it is with twelve."""
     target = built_in_nose(drawn_parameters(np.random.default_rng(5)), passages=False)

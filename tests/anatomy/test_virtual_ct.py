@@ -106,6 +106,7 @@ def test_the_nostrils_are_open_and_the_nose_is_closed_elsewhere(nose: Anatomy, n
         assert sampled(nose_ct, across).max() > -100
 
 
+@pytest.mark.long
 def test_a_nose_that_a_scanner_put_elsewhere_has_the_same_head(nose: Anatomy) -> None:
     """Scanners begin anywhere: whole steps of the lattice away, the values are the same."""
     away = np.array([-110.0, -300.0, -530.0])

@@ -63,7 +63,7 @@ def test_a_folder_with_something_else_is_left_alone(tmp_path: Path, capfd: pytes
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_patients_around_an_anatomy_of_ones_own(
     tmp_path: Path, mean_nose_ply: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

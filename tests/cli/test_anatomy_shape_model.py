@@ -23,6 +23,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return [str(root / str(number)) for number in range(len(tubes))]
 
 
+@pytest.mark.long
 def test_patients_are_drawn_from_a_model_of_patients(
     folders: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -110,6 +110,7 @@ def threads_of(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return asked
 
 
+@pytest.mark.long
 def test_the_number_of_workers_decides_no_weight(tmp_path: Path) -> None:
     runs = [train_runs(examples(), SHORT, [0, 1], tmp_path / str(n), workers=n) for n in (1, 3)]
     for settings in zip(*[[run.settings for run in some] for some in runs], strict=True):
