@@ -8,21 +8,10 @@ import pytest
 from naris.bench import in_our_place
 from naris.bench.in_our_place import OURS, STARTS, solver_of
 from naris.bench.problems import FROM_POSE, problem
-from naris.bench.trials import Noise, Trial, drawn_trials
+from naris.bench.trials import Noise, Trial
 from naris.core.pose import distance
-from naris.register.map import RegistrationMap, registration_map
+from naris.register.map import RegistrationMap
 from naris.register.starts import near
-from tests.winding_tube import winding_tube
-
-
-@pytest.fixture(scope="module")
-def tube() -> RegistrationMap:
-    return registration_map(winding_tube(), 3.0)
-
-
-@pytest.fixture(scope="module")
-def trial() -> Trial:
-    return drawn_trials(winding_tube(), 1, 3)[0]
 
 
 @pytest.mark.parametrize("noise", ["b", "c", "d", "e"])

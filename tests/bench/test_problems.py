@@ -6,24 +6,13 @@ import numpy as np
 import pytest
 
 from naris.bench.problems import FROM_POSE, near_truth, problem
-from naris.bench.trials import Noise, Trial, drawn_trials
+from naris.bench.trials import Noise, Trial
 from naris.core.pose import distance
-from naris.register.map import RegistrationMap, registration_map
+from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
 from naris.register.starts import NOTHING
-from tests.winding_tube import winding_tube
 
 NOISES: tuple[Noise, ...] = ("b", "c", "d")
-
-
-@pytest.fixture(scope="module")
-def tube() -> RegistrationMap:
-    return registration_map(winding_tube(), 3.0)
-
-
-@pytest.fixture(scope="module")
-def trial() -> Trial:
-    return drawn_trials(winding_tube(), 1, 3)[0]
 
 
 def test_a_pose_that_is_told_lies_within_2_mm_and_10_degrees_all_through(trial: Trial) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,6 @@ from naris.bench.in_our_place import METHODS, SOLVERS, Solver, solver_of
 from naris.bench.problems import FROM_POSE, Start, problem
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import Noise, Trial, frozen_setting, has_frozen
-from naris.core.anatomy import Anatomy
 from naris.core.pose import distance
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.register import RegisterConfig
@@ -56,21 +56,20 @@ def figures(request: BenchRequest) -> list[Figure]:
     mean, trials = frozen_setting(request.scans)
     trials = trials[:QUICK_TRIALS] if request.quick else trials
     at, done = registration_map(mean), []
-    for asked in ASKED:
+
+    @cache
+    def ready(name: str, config: RegisterConfig) -> Solver | str:
+        return solver_of(name, mean, request.seed, config)
+
+    for start, noise in ASKED:
+        config = FROM_POSE if start == "pose" else RegisterConfig()
         for name in SOLVERS:
-            ready = _ready(name, mean, asked, request.seed)
-            if isinstance(ready, str):
-                done += _of(name, asked, [], {name: ready})
+            solver = NO_SCALE if name in METHODS and noise == "c" else ready(name, config)
+            if isinstance(solver, str):
+                done += _of(name, (start, noise), [], {name: solver})
             else:
-                done += _of(name, asked, _run(request, name, asked, at, trials, ready), {})
+                done += _of(name, (start, noise), _run(request, name, (start, noise), at, trials, solver), {})
     return done
-
-
-def _ready(name: str, anatomy: Anatomy, asked: tuple[Start, Noise], seed: int) -> Solver | str:
-    start, noise = asked
-    if name in METHODS and noise == "c":
-        return NO_SCALE
-    return solver_of(name, anatomy, seed, FROM_POSE if start == "pose" else RegisterConfig())
 
 
 def _of(name: str, asked: tuple[Start, Noise], solved: Sequence[_Solved], peers: Mapping[str, str]) -> list[Figure]:
