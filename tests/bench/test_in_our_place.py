@@ -35,7 +35,9 @@ def test_a_library_gets_points_in_mm_and_each_start_once(
     belief = near(truth.reshape(1), np.diag([0.3**2] * 3 + [0.05**2] * 3)[None])
     solver = solver_of("small_gicp", tube.anatomy)
     assert not isinstance(solver, str)
-    found = solver(tube, seen, belief)
+    answer = solver(tube, seen, belief)
+    found = answer.pose
+    assert answer.judging_s > 0
     assert len(aligned) == STARTS
     np.testing.assert_allclose(found.rotation @ found.rotation.T, np.eye(3), atol=1e-12)
     nearest = min(np.abs(pose[:3] - found.matrix[:3]).max() for pose in aligned)
@@ -86,4 +88,5 @@ def test_ours_ends_at_the_truth(tube: RegistrationMap, trial: Trial) -> None:
     assert not isinstance(solver, str)
     found = solver(tube, trial.observation("a"), near(truth.reshape(1), np.diag([0.3**2] * 3 + [0.05**2] * 3)[None]))
     # Along a tube and around it a view is loose; what is seen lies where it is.
-    assert distance(found, truth)[0] < 1.0
+    assert distance(found.pose, truth)[0] < 1.0
+    assert found.judging_s == 0

@@ -252,9 +252,9 @@ def _by_others(
     observation, found = seen.trial.observation(noise), {}
     for name, solver in others.items():
         begun = time.process_time()
-        best = solver(at, observation, belief)
-        spent = time.process_time() - begun + seen.cpu_s[COMPACT]
-        found[name] = _judged(at.anatomy, seen.trial, best, True, spent)
+        answer = solver(at, observation, belief)
+        spent = time.process_time() - begun - answer.judging_s + seen.cpu_s[COMPACT]
+        found[name] = _judged(at.anatomy, seen.trial, answer.pose, True, spent)
     return found
 
 

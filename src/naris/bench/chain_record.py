@@ -21,7 +21,8 @@ class Outcome:
         wall_mm: mean target registration error of the wall ahead (`naris.evaluate.targets`), of the most likely pose.
         landmarks_mm: the same of the anatomy's landmarks; None where it has none.
         accepted: not refused.
-        cpu_s: from the frame, where the belief asks for it, and the depth to the pose.
+        cpu_s: from the frame, where the belief asks for it, and the depth to the pose, but for the choice among what a
+            library came to.
     """
 
     wall_mm: float

@@ -3,7 +3,8 @@
 Our search gives everybody the same poses to begin from; what everybody makes of them is judged by our likelihood, and
 the best is taken. Libraries and our own coarse and fine solver begin from its 40 best starts, or from fewer where fewer
 are asked for; ICP and IMLP, as a user chooses them (`RegisterConfig.method`), from the finalists that our coarse solver
-leaves of all. Nobody begins again beside the best. What it costs to judge belongs to what a solver costs.
+leaves of all. Nobody begins again beside the best. A library has no likelihood, so what it takes ours to choose among
+its answers is told apart from what it cost to find them.
 
 None of the libraries estimates a scale with a pose. Where it is unknown, each start keeps the one that the search found
 for it.
@@ -11,8 +12,9 @@ for it.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -34,8 +36,23 @@ STARTS = 40
 _TARGET_POINTS = 100_000
 _REACHES_MM = (5.0, 2.5)
 
-Solver = Callable[[RegistrationMap, Observation, Belief], Pose]
-"""From what was seen and what is believed to the most likely `anatomy_T_camera`; nobody refuses here."""
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a solver came to; nobody refuses here.
+
+    Attributes:
+        pose: the most likely `anatomy_T_camera`.
+        judging_s: of the CPU seconds, those that our likelihood took to choose it among a library's; 0 for solvers that
+            compute it with their steps.
+    """
+
+    pose: Pose
+    judging_s: float = 0.0
+
+
+Solver = Callable[[RegistrationMap, Observation, Belief], Answer]
+"""From what was seen and what is believed."""
 
 
 def solver_of(name: str, anatomy: Anatomy, seed: int = 0, config: RegisterConfig = RegisterConfig()) -> Solver | str:
@@ -53,7 +70,7 @@ def solver_of(name: str, anatomy: Anatomy, seed: int = 0, config: RegisterConfig
     if name in METHODS:
         method: Literal["icp", "imlp"] = "icp" if name == "icp" else "imlp"
         by_points = replace(config, method=method, seed=seed, aside=0)
-        return lambda at, seen, belief: register(at, seen, belief, by_points).best
+        return lambda at, seen, belief: Answer(register(at, seen, belief, by_points).best)
     target = target_of(anatomy.vertices_mm, anatomy.faces, _TARGET_POINTS, np.random.default_rng(seed))
     of_cloud = aligner(name, target, _REACHES_MM)
     if isinstance(of_cloud, str):
@@ -63,22 +80,23 @@ def solver_of(name: str, anatomy: Anatomy, seed: int = 0, config: RegisterConfig
     )
 
 
-def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, config: RegisterConfig) -> Pose:
+def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, config: RegisterConfig) -> Answer:
     rough = coarse(at, seen, find_starts(at, seen, belief, config.starts, np.random.default_rng(config.seed)))
     best = fine(at, seen, promising(rough, config.finalists)).poses[0]
-    return Pose(best, at.anatomy.frame, CAMERA)
+    return Answer(Pose(best, at.anatomy.frame, CAMERA))
 
 
 def _by_library(
     of_cloud: Callable[[np.ndarray], Align], at: RegistrationMap, seen: Observation, starts: Starts
-) -> Pose:
+) -> Answer:
     points, ended = seen.origins + seen.ranges[:, None] * seen.directions, []
     # Everything is prepared once for a scale: all starts share it where it is known.
     aligned = {scale: of_cloud(np.exp(scale) * points) for scale in set(starts.log_scales.tolist())}
     for pose, scale in zip(starts.poses, starts.log_scales.tolist(), strict=True):
         ended.append(_proper(aligned[scale](pose)))
+    begun = time.process_time()
     best = judged(at, seen, replace(starts, poses=np.stack(ended))).poses[0]
-    return Pose(best, at.anatomy.frame, CAMERA)
+    return Answer(Pose(best, at.anatomy.frame, CAMERA), time.process_time() - begun)
 
 
 def _proper(pose: np.ndarray) -> np.ndarray:
