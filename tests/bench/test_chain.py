@@ -173,11 +173,29 @@ def test_a_patient_that_was_broken_off_goes_on_where_it_was(tmp_path: Path, monk
 
 def test_a_folder_of_other_settings_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chain, "measured", lambda *arguments: patient(frame(RIGHT)))
+    monkeypatch.setattr(chain, "is_learned", lambda folder: True)
     chain.measure(BenchRequest(patients=1, work=tmp_path))
     chain.measure(BenchRequest(patients=2, work=tmp_path))
     with pytest.raises(ConfigurationChanged, match=r"--fit-steps \(3000 → 9\), --seed \(0 → 1\)"):
         chain.measure(BenchRequest(patients=2, seed=1, fit_steps=9, work=tmp_path))
     assert json.loads((tmp_path / "settings.json").read_text())["settings"]["experiment"] == "chain"
+
+
+@pytest.mark.long
+def test_networks_of_several_patients_are_there_before_the_first_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[list[bool]] = []
+
+    def looks(*arguments: object) -> PatientRecord:
+        found.append([chain.is_learned(tmp_path / f"virtual-0{number}") for number in (0, 1)])
+        return patient(frame(RIGHT))
+
+    monkeypatch.setattr(chain, "VIRTUAL", 2)
+    monkeypatch.setattr(chain, "ChainConfig", lambda: TINY)
+    monkeypatch.setattr(chain, "measured", looks)
+    chain.measure(BenchRequest(work=tmp_path))
+    assert found == [[True, True]] * 2
 
 
 def _finished(train):

@@ -155,7 +155,7 @@ def test_runs_end_with_a_parent_that_is_killed_and_leave_their_state(tmp_path: P
     assert sorted(path.parent.name for path in tmp_path.rglob(STATE)) == ["seed-0", "seed-1"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_that_fails_stops_those_beside_it(tmp_path: Path) -> None:
     train(examples(), SHORT.with_(seed=1), tmp_path / "seed-1")
     begun = time.monotonic()

@@ -39,6 +39,7 @@ from naris.register.starts import NOTHING, Belief, in_region, near, of_predictio
 from naris.render.scene import Scene
 from naris.render.viewpoints import ViewDistribution
 from naris.train import COMPACT_DEMO, PUBLISHED, TrainConfig, TrainingRun, train
+from naris.train.loop import RUN
 
 COMPACT, TWO_LAYER = "compact", "two_layer"
 CHAIN_NOISES: tuple[Noise, ...] = ("b", "c")
@@ -121,16 +122,13 @@ def measured(patient: Patient, config: ChainConfig, folder: Path, progress: Prog
         InputError: if the folder holds something else.
         DiskFull: if there is no room; what is there is whole.
     """
-    path = folder / "frames.json"
+    path, seed = folder / "frames.json", _seed(patient, config)
     views = config.views if patient.scan is None else config.scan_views
     known = read_record(path)
     if known is not None and len(known.frames) >= views:
         return known
-    anatomy = _anatomy(patient, config, folder / "anatomy")
-    seed = config.seed + 1000 * (patient.number + 1)
-    with progress.task(f"{patient.key}: preparing", 1) as advance:
-        at, trials = registration_map(anatomy), drawn_trials(anatomy, views, seed)
-        advance(1)
+    anatomy, trials = _problem(patient, config, folder, progress)
+    at = registration_map(anatomy)
     runs = fitted(anatomy, trials, config, folder, progress)
     localizers = {name: open_localizer(run.checkpoint) for name, run in runs.items()}
     fit = Fit(runs[COMPACT].wall_s, runs[COMPACT].cpu_s, runs[COMPACT].pictures)
@@ -147,6 +145,33 @@ def measured(patient: Patient, config: ChainConfig, folder: Path, progress: Prog
             write_record(record, path)
             advance(1)
     return record
+
+
+def is_learned(folder: Path) -> bool:
+    """Whether the networks of a patient are there."""
+    return all((folder / name / RUN).is_file() for name in (COMPACT, TWO_LAYER))
+
+
+def learn(patient: Patient, config: ChainConfig, folder: Path, progress: Progress) -> None:
+    """The networks of a patient and what they need, which `measured` finds then; raises as it does."""
+    anatomy, trials = _problem(patient, config, folder, progress)
+    fitted(anatomy, trials, config, folder, progress)
+
+
+def _problem(
+    patient: Patient, config: ChainConfig, folder: Path, progress: Progress
+) -> tuple[Anatomy, Sequence[Trial]]:
+    views = config.views if patient.scan is None else config.scan_views
+    with progress.task(f"{patient.key}: preparing", 2) as advance:
+        anatomy = _anatomy(patient, config, folder / "anatomy")
+        advance(1)
+        trials = drawn_trials(anatomy, views, _seed(patient, config))
+        advance(1)
+    return anatomy, trials
+
+
+def _seed(patient: Patient, config: ChainConfig) -> int:
+    return config.seed + 1000 * (patient.number + 1)
 
 
 def _anatomy(patient: Patient, config: ChainConfig, folder: Path) -> Anatomy:

@@ -1,7 +1,7 @@
 """Other solvers in the place of ours on the frozen trials: from the true region, nothing and a pose, and three views.
 
-Success and CPU seconds stand beside those of the whole registration (`register.region.b.success` and the like). What our
-likelihood took to choose among the answers of a library, which has none, stands apart from what they cost.
+Success and CPU seconds stand beside those of the whole registration (`register.region.b.success` and the like). What
+our likelihood took to choose among the answers of a library, which has none, stands apart from what they cost.
 """
 
 from __future__ import annotations
