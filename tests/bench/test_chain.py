@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -116,7 +117,7 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert read_record(tmp_path / "none.json") is None
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"schema": "other"}', '{"schema": "naris.chain/2", "frames": [1]}'])
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": "other"}', '{"schema": "naris.chain/3", "frames": [1]}'])
 def test_another_file_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "frames.json").write_text(text)
     with pytest.raises(InputError, match="remove that file"):
@@ -167,13 +168,16 @@ def test_a_patient_that_was_broken_off_goes_on_where_it_was(tmp_path: Path, monk
     assert set(done.frames[0].found) == set(CHAIN_NOISES)
     assert set(done.frames[0].found["c"]) == set(BELIEFS)
     assert set(done.frames[0].by_others["b"]) == {"naris", *(name for name in PEERS if missing(name) is None)}
+    shutil.rmtree(tmp_path / "tube" / "compact")
+    assert chain_patient.is_learned(tube, TINY, tmp_path / "tube")
+    assert not chain_patient.is_learned(tube, replace(TINY, views=3), tmp_path / "tube")
     monkeypatch.setattr(Patient, "anatomy", _not_again)
     assert measured(tube, TINY, tmp_path / "tube", SILENT) == done
 
 
 def test_a_folder_of_other_settings_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chain, "measured", lambda *arguments: patient(frame(RIGHT)))
-    monkeypatch.setattr(chain, "is_learned", lambda folder: True)
+    monkeypatch.setattr(chain, "is_learned", lambda *arguments: True)
     chain.measure(BenchRequest(patients=1, work=tmp_path))
     chain.measure(BenchRequest(patients=2, work=tmp_path))
     with pytest.raises(ConfigurationChanged, match=r"--fit-steps \(3000 → 9\), --seed \(0 → 1\)"):
@@ -188,7 +192,7 @@ def test_networks_of_several_patients_are_there_before_the_first_frame(
     found: list[list[bool]] = []
 
     def looks(*arguments: object) -> PatientRecord:
-        found.append([chain.is_learned(tmp_path / f"virtual-0{number}") for number in (0, 1)])
+        found.append([(tmp_path / f"virtual-0{number}" / "compact" / "run.json").is_file() for number in (0, 1)])
         return patient(frame(RIGHT))
 
     monkeypatch.setattr(chain, "VIRTUAL", 2)

@@ -78,7 +78,7 @@ def measure(request: BenchRequest) -> Measurement:
     with tempfile.TemporaryDirectory(prefix="naris-bench-chain-") as spare:
         out = request.work or Path(spare)
         claim(out, {"experiment": "chain", "config": plain(config)})
-        unlearned = [patient for patient in patients if not is_learned(out / patient.key)]
+        unlearned = [patient for patient in patients if not is_learned(patient, config, out / patient.key)]
         if len(unlearned) > 1:
             jobs = [partial(learn, patient, config, out / patient.key) for patient in unlearned]
             side_by_side(jobs, AT_ONCE, request.progress)
@@ -90,8 +90,7 @@ def measure(request: BenchRequest) -> Measurement:
     learned = (
         f"{config.fit_steps:,} batches of {COMPACT_DEMO.batch} views, the two-layer one {config.two_layer_steps:,}"
     )
-    told = {"each network learned from": learned, "patients that learned at a time": str(min(AT_ONCE, len(patients)))}
-    return Measurement(tuple(figures(records)), {**inputs(records, request), **told})
+    return Measurement(tuple(figures(records)), {**inputs(records, request), "each network learned from": learned})
 
 
 def chosen(request: BenchRequest) -> list[Patient]:

@@ -64,6 +64,7 @@ AS_THE_TRIALS = ViewDistribution(
 SAME_STARTS = (OURS, *PEERS)
 """Solvers from the same few starts, told the whole prediction."""
 
+FRAMES = "frames.json"
 _PATIENTS = 4_000_000  # seeds apart from those of the confidence and of the other trials
 _AT_TRUTH = np.diag([0.1**2] * 3 + [0.01**2] * 3)
 
@@ -85,6 +86,9 @@ class ChainConfig:
     views: int = 10
     scan_views: int = 30
     seed: int = 0
+
+    def views_of(self, patient: Patient) -> int:
+        return self.views if patient.scan is None else self.scan_views
 
 
 @dataclass(frozen=True)
@@ -122,8 +126,7 @@ def measured(patient: Patient, config: ChainConfig, folder: Path, progress: Prog
         InputError: if the folder holds something else.
         DiskFull: if there is no room; what is there is whole.
     """
-    path, seed = folder / "frames.json", _seed(patient, config)
-    views = config.views if patient.scan is None else config.scan_views
+    path, views, seed = folder / FRAMES, config.views_of(patient), _seed(patient, config)
     known = read_record(path)
     if known is not None and len(known.frames) >= views:
         return known
@@ -147,9 +150,15 @@ def measured(patient: Patient, config: ChainConfig, folder: Path, progress: Prog
     return record
 
 
-def is_learned(folder: Path) -> bool:
-    """Whether the networks of a patient are there."""
-    return all((folder / name / RUN).is_file() for name in (COMPACT, TWO_LAYER))
+def is_learned(patient: Patient, config: ChainConfig, folder: Path) -> bool:
+    """Whether the networks of a patient are there, or all that they are for.
+
+    Raises:
+        InputError: if its folder holds something else.
+    """
+    known = read_record(folder / FRAMES)
+    is_whole = known is not None and len(known.frames) >= config.views_of(patient)
+    return is_whole or all((folder / name / RUN).is_file() for name in (COMPACT, TWO_LAYER))
 
 
 def learn(patient: Patient, config: ChainConfig, folder: Path, progress: Progress) -> None:
@@ -161,11 +170,10 @@ def learn(patient: Patient, config: ChainConfig, folder: Path, progress: Progres
 def _problem(
     patient: Patient, config: ChainConfig, folder: Path, progress: Progress
 ) -> tuple[Anatomy, Sequence[Trial]]:
-    views = config.views if patient.scan is None else config.scan_views
     with progress.task(f"{patient.key}: preparing", 2) as advance:
         anatomy = _anatomy(patient, config, folder / "anatomy")
         advance(1)
-        trials = drawn_trials(anatomy, views, _seed(patient, config))
+        trials = drawn_trials(anatomy, config.views_of(patient), _seed(patient, config))
         advance(1)
     return anatomy, trials
 

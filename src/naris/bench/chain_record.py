@@ -10,7 +10,7 @@ from pathlib import Path
 from naris.core.atomic import write_json
 from naris.errors import InputError
 
-SCHEMA = "naris.chain/2"
+SCHEMA = "naris.chain/3"
 
 
 @dataclass(frozen=True)
