@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from naris.core.pose import CAMERA, Pose
 from naris.errors import PoseError
-from naris.evaluate.targets import target_errors_mm, wall_ahead_mm
+from naris.evaluate.targets import expected_errors_mm, target_errors_mm, wall_ahead_mm
 
 SEEDS = st.integers(0, 2**32 - 1)
 TARGETS_MM = np.random.default_rng(1).normal(0, 20, (17, 3))
@@ -85,3 +85,21 @@ def test_where_nothing_is_met_ahead_the_whole_wall_counts() -> None:
     (true,) = poses(4, 1)
     ranges = np.where(RAYS[..., 2] > 0.85, np.nan, 7.0)
     assert len(wall_ahead_mm(true, ranges, RAYS, 20.0)) == int(np.isfinite(ranges).sum()) > 0
+
+
+@settings(max_examples=10)
+@given(SEEDS)
+def test_what_is_expected_is_what_poses_off_by_the_covariance_come_to(seed: int) -> None:
+    """Twists whose second moment is exactly the covariance, small enough for the first order to hold."""
+    (found,) = poses(seed, 1)
+    root = np.random.default_rng(seed).normal(0, 1e-4, (6, 6))
+    twists = np.sqrt(6) * np.concatenate([root.T, -root.T])
+    errors = [target_errors_mm(found @ Pose.exp(twist, CAMERA, CAMERA), found, TARGETS_MM) for twist in twists]
+    off = np.sqrt(np.mean(np.square(errors), axis=0))
+    np.testing.assert_allclose(expected_errors_mm(found, root @ root.T, TARGETS_MM), off, rtol=1e-2)
+
+
+def test_an_angle_costs_what_is_far_more_than_what_is_near() -> None:
+    found, covariance = Pose.of(np.eye(3), np.zeros(3), "LPS", CAMERA), np.diag([0.0, 0, 0, 0.1**2, 0, 0])
+    far = expected_errors_mm(found, covariance, np.array([[0.0, 0, 10], [0, 0, 60], [50, 0, 0]]))
+    np.testing.assert_allclose(far, [1.0, 6.0, 0.0], atol=1e-12)

@@ -9,7 +9,40 @@ import numpy as np
 import pytest
 
 from naris.bench import register as room
-from naris.bench.register import SOLVER, of_which_solver, solver_digest
+from naris.bench.register import SOLVER, Outcome, of_which_solver, solver_digest
+from naris.core.pose import CAMERA, Pose
+from naris.core.results import Registration
+
+
+def outcome(off_mm: float, *, refused: bool = False, landmarks_mm: float | None = None) -> Outcome:
+    pose = Pose(np.eye(4), "LPS", CAMERA)
+    found = Registration(
+        anatomy_T_camera=None if refused else pose,
+        best=pose,
+        status="refused" if refused else "registered",
+        reason="why" if refused else None,
+        probability=0.5,
+        scale=1.0,
+        cost=0.0,
+        margin=1.0,
+        covariance=np.eye(6),
+        alternatives=pose.reshape(1),
+    )
+    return Outcome(off_mm, 1.0, 0.1, found, 1.0, landmarks_mm)
+
+
+def test_a_refused_pose_that_is_right_is_a_success_and_no_answer() -> None:
+    done = [outcome(0.5), outcome(1.5, refused=True), outcome(9.0), outcome(9.0, refused=True)]
+    made = {one.name: one for one in room._of("some", done, "region", "b")}
+    assert (made["some.success"].value, made["some.close"].value) == (0.5, 0.25)
+    assert (made["some.answered"].value, made["some.refused"].value) == (0.25, 0.5)
+    assert made["some.success"].goal == 0.85
+    assert "some.landmarks_tre_median_mm" not in made
+
+
+def test_errors_at_landmarks_are_of_those_that_have_some() -> None:
+    made = room._of("some", [outcome(0.5, landmarks_mm=1.0), outcome(0.5, landmarks_mm=3.0)], "none", "b")
+    assert (made[-1].name, made[-1].value, made[-1].n) == ("some.landmarks_tre_median_mm", 2.0, 2)
 
 
 def test_rates_are_of_those_that_were_accepted() -> None:

@@ -69,6 +69,7 @@ def test_depth_gives_a_pose_with_all_its_files_or_none(
     assert told["status"] == "registered"
     off = np.linalg.norm(np.array(told["anatomy_T_camera"])[:3, 3] - np.load(seen / "truth.npy")[:3, 3])
     assert off < 0.5 or told["margin"] is not None
+    assert told["expected_tre_mm"]["10 mm ahead of the camera"] > min(told["sd_mm"])
     assert told["files"] == [str(out / name) for name in sorted_files(out)]
     kept = json.loads((out / "registration.json").read_text())
     assert kept["anatomy_T_camera"] == told["anatomy_T_camera"]

@@ -43,8 +43,8 @@ class Answer:
 
     Attributes:
         pose: the most likely `anatomy_T_camera`.
-        judging_s: of the CPU seconds, those that our likelihood took to choose it among a library's; 0 for solvers that
-            compute it with their steps.
+        judging_s: of the CPU seconds, those that our likelihood took to choose it among a library's; 0 for solvers of
+            ours, to which choosing among the few that they finish belongs.
     """
 
     pose: Pose
@@ -71,13 +71,18 @@ def solver_of(name: str, anatomy: Anatomy, seed: int = 0, config: RegisterConfig
         method: Literal["icp", "imlp"] = "icp" if name == "icp" else "imlp"
         by_points = replace(config, method=method, seed=seed, aside=0)
         return lambda at, seen, belief: Answer(register(at, seen, belief, by_points).best)
-    target = target_of(anatomy.vertices_mm, anatomy.faces, _TARGET_POINTS, np.random.default_rng(seed))
-    of_cloud = aligner(name, target, _REACHES_MM)
+    of_cloud = library_of(name, anatomy, seed)
     if isinstance(of_cloud, str):
         return of_cloud
     return lambda at, seen, belief: _by_library(
         of_cloud, at, seen, find_starts(at, seen, belief, starts, np.random.default_rng(seed))
     )
+
+
+def library_of(name: str, anatomy: Anatomy, seed: int = 0) -> Callable[[np.ndarray], Align] | str:
+    """One of `PEERS` made ready for an anatomy's surface, as here (`naris.bench.point_peers.aligner`)."""
+    target = target_of(anatomy.vertices_mm, anatomy.faces, _TARGET_POINTS, np.random.default_rng(seed))
+    return aligner(name, target, _REACHES_MM)
 
 
 def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, config: RegisterConfig) -> Answer:

@@ -7,16 +7,16 @@ our likelihood took to choose among the answers of a library, which has none, st
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from naris.bench import BenchRequest
-from naris.bench.in_our_place import METHODS, SOLVERS, Solver, solver_of
-from naris.bench.point_peers import PEERS
-from naris.bench.problems import FROM_POSE, Start, problem
+from naris.bench.in_our_place import METHODS, SOLVERS, Solver, library_of, solver_of
+from naris.bench.point_peers import PEERS, Align
+from naris.bench.problems import FROM_POSE, SOLVED_POINTS, Start, near_truth, problem
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import Noise, Trial, frozen_setting, has_frozen
 from naris.core.pose import distance
@@ -39,6 +39,7 @@ ASKED: tuple[tuple[Start, Noise], ...] = (
 """What has a goal and noise: without noise everybody is right."""
 QUICK_TRIALS = 3
 NO_SCALE = "solves for a known scale only"
+_SOLVES = 40
 _RIGHT_MM, _RIGHT_RAD = 2.0, np.deg2rad(5.0)
 
 
@@ -55,7 +56,8 @@ def figures(request: BenchRequest) -> list[Figure]:
     """
     left_out = request.quick and request.only is None
     if left_out or request.scans is None or not has_frozen(request.scans):
-        return [figure for asked in ASKED for name in SOLVERS for figure in _of(name, asked, [], {})]
+        nothing = [figure for asked in ASKED for name in SOLVERS for figure in _of(name, asked, [], {})]
+        return [*nothing, *(_solve_figure(name, None) for name in PEERS)]
     mean, trials = frozen_setting(request.scans)
     trials = trials[:QUICK_TRIALS] if request.quick else trials
     at, done = registration_map(mean), []
@@ -72,7 +74,23 @@ def figures(request: BenchRequest) -> list[Figure]:
                 done += _of(name, (start, noise), [], {name: solver})
             else:
                 done += _of(name, (start, noise), _run(request, name, (start, noise), at, trials, solver), {})
-    return done
+    return [*done, *(_solve_figure(name, library_of(name, mean, request.seed), trials[0]) for name in PEERS)]
+
+
+def _solve_figure(name: str, ready: Callable[[np.ndarray], Align] | str | None, trial: Trial | None = None) -> Figure:
+    """One solve of as many points as `register.solve.cpu_ms`, from poses beside the truth, as that is measured."""
+    called = f"{BASE}.{name.lower()}.solve.cpu_ms"
+    if ready is None or isinstance(ready, str) or trial is None:
+        return Figure(called, None, "ms", 0, "lower", peers={} if ready is None else {name: str(ready)})
+    seen = trial.observation("b").some(SOLVED_POINTS)
+    align = ready(seen.origins + seen.ranges[:, None] * seen.directions)
+    rng = np.random.default_rng(7)
+    starts = [pose.matrix[0] for _ in range(_SOLVES) if (pose := near_truth(trial, rng).poses) is not None]
+    align(starts[0])
+    begun = time.process_time()
+    for start in starts:
+        align(start)
+    return Figure(called, 1e3 * (time.process_time() - begun) / len(starts), "ms", len(starts), "lower")
 
 
 def _of(name: str, asked: tuple[Start, Noise], solved: Sequence[_Solved], peers: Mapping[str, str]) -> list[Figure]:

@@ -16,6 +16,8 @@ from naris.register.register import RegisterConfig
 from naris.register.starts import NOTHING, Belief, in_region, near
 
 Start = Literal["region", "none", "pose", "views3"]
+SOLVED_POINTS = 400
+"""Of one solve that is timed."""
 FROM_POSE = RegisterConfig(starts=8, finalists=1, aside=0)
 _NEAR_MM, _NEAR_RAD = 2.0, np.deg2rad(10.0)
 

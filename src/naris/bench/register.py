@@ -1,8 +1,8 @@
 """How often a registration ends at the truth, from what start, at what cost, and how well it knows.
 
-Over all trials, refusals counted as what they are: a success is a best pose within 2 mm and 5°; the confidence is
-judged apart. The frozen trials in the mean nose are measured where they are given (`--scans`); views of virtual
-patients always are.
+Over all trials. A success is a best pose within 2 mm and 5°, refused or not, which tells how well one searches and
+solves; `.answered` counts those that were not refused as well, which is what a user gets. The frozen trials in the mean
+nose are measured where they are given (`--scans`); views of virtual patients always are.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from jaxtyping import Bool
 
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench import BenchRequest, Measurement, cissticp, contours, deformable, peer_trials, pictures, shot
-from naris.bench.problems import Start, near_truth, problem
+from naris.bench.problems import SOLVED_POINTS, Start, near_truth, problem
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
     FREE_POINTS,
@@ -36,8 +36,10 @@ from naris.core.pose import distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
 from naris.evaluate.score import auroc, normalised_square, reliability
+from naris.evaluate.targets import target_errors_mm
 from naris.register.confidence import FITTED
 from naris.register.map import RegistrationMap, registration_map
+from naris.register.observation import DepthNoise, from_ranges
 from naris.register.register import RegisterConfig, register
 from naris.register.solve import coarse
 from naris.register.starts import NOTHING, Starts
@@ -68,7 +70,6 @@ SOLVER = (
     "starts",
     "steps",
 )
-_POINTS = 400
 _STRANGE: tuple[Noise, ...] = ("b", "c", "d", FREE_POINTS)
 _ONE_VIEW: tuple[Start, ...] = ("region", "none")
 _REPEATS = 200
@@ -76,13 +77,26 @@ _REPEATS = 200
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One registration beside the truth; `normalised` is the square of its error over its covariance."""
+    """One registration beside the truth.
+
+    Attributes:
+        off_mm, off_deg: of the best pose.
+        cpu_s: what it took.
+        result: itself.
+        normalised: the square of its error over its covariance.
+        landmarks_mm: mean target registration error of the anatomy's landmarks; None where it has none.
+    """
 
     off_mm: float
     off_deg: float
     cpu_s: float
     result: Registration
     normalised: float
+    landmarks_mm: float | None
+
+    @property
+    def answered(self) -> bool:
+        return self.result.status == "registered"
 
     @property
     def right(self) -> bool:
@@ -133,7 +147,7 @@ def of_trials(request: BenchRequest) -> list[Figure]:
                 known[f"{start}.{noise}{suffix}"] = done
                 figures += _of(f"register.{start}.{noise}{suffix}", done, start, noise)
         figures += _of(f"register.pose.b{suffix}", _run(request, f"pose b{suffix}", settings, "b", "pose"), "pose", "b")
-        for noise in ("b", "c"):
+        for noise in NOISES:
             done = _run(request, f"three views {noise}{suffix}", settings, noise, "views3")
             known[f"views3.{noise}{suffix}"] = done
             figures += _of(f"register.views3.{noise}{suffix}", done, "views3", noise)
@@ -141,7 +155,8 @@ def of_trials(request: BenchRequest) -> list[Figure]:
     figures += of_confidence(unsure)
     figures += [of_covariance(noise, known[f"none.{noise}{OF_PATIENTS}"]) for noise in (*NOISES[1:], FREE_POINTS)]
     figures += [of_covariance(f"views3.{noise}", known[f"views3.{noise}{OF_PATIENTS}"]) for noise in ("b", "c")]
-    return [*figures, _solve_ms(sets[-1][1][0]), *_wrong_patients(request, sets[0][1])]
+    patients = sets[0][1]
+    return [*figures, _solve_ms(sets[-1][1][0]), *_wrong_patients(request, patients), _mirrored(request, patients)]
 
 
 def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
@@ -177,7 +192,9 @@ def _once(at: RegistrationMap, trial: Trial, noise: Noise, start: Start, seed: i
     spent = time.process_time() - begun
     off_mm, off_rad = distance(result.best, trial.anatomy_T_camera)
     normalised = normalised_square(result.best, trial.anatomy_T_camera, result.covariance)
-    return Outcome(float(off_mm), float(np.rad2deg(off_rad)), spent, result, normalised)
+    marks = list(at.anatomy.landmarks_mm.values())
+    tre_mm = float(target_errors_mm(result.best, trial.anatomy_T_camera, np.stack(marks)).mean()) if marks else None
+    return Outcome(float(off_mm), float(np.rad2deg(off_rad)), spent, result, normalised, tre_mm)
 
 
 def _of(name: str, done: Sequence[Outcome], start: str, noise: str) -> list[Figure]:
@@ -185,11 +202,19 @@ def _of(name: str, done: Sequence[Outcome], start: str, noise: str) -> list[Figu
     right = np.array([one.right for one in done])
     cpu = float(np.mean([one.cpu_s for one in done]))
     goal = GOALS[start].get(noise)
-    return [
+    answered = np.array([one.answered for one in done])
+    told = right & answered
+    made = [
         Figure(f"{name}.success", float(right.mean()), "1", n, "higher", goal, wilson(int(right.sum()), n)),
         Figure(f"{name}.close", float(np.mean([one.close for one in done])), "1", n, "higher"),
+        Figure(f"{name}.answered", float(told.mean()), "1", n, "higher", None, wilson(int(told.sum()), n)),
+        Figure(f"{name}.refused", float(np.mean(~answered)), "1", n, "lower"),
         Figure(f"{name}.cpu_s", cpu, "CPU-s", n, "lower", CPU_GOALS_S.get(start)),
     ]
+    marks = [one.landmarks_mm for one in done if one.landmarks_mm is not None]
+    if marks:
+        made.append(Figure(f"{name}.landmarks_tre_median_mm", float(np.median(marks)), "mm", len(marks), "lower"))
+    return made
 
 
 def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
@@ -204,10 +229,8 @@ def of_confidence(done: Sequence[Outcome]) -> list[Figure]:
         Figure(f"{base}.auroc", above, "1", n if above is not None else 0, "higher", 0.97),
         _rate(f"{base}.false_accept_at_80", ~right[taken], 0.01),
         Figure(f"{base}.ece", reliability(said, right).ece, "1", n, "lower", 0.03),
-        Figure(
-            f"{base}.accepted", float(np.mean([one.result.status == "registered" for one in done])), "1", n, "higher"
-        ),
-        _rate(f"{base}.false_accept", ~right[[one.result.status == "registered" for one in done]]),
+        Figure(f"{base}.accepted", float(np.mean([one.answered for one in done])), "1", n, "higher"),
+        _rate(f"{base}.false_accept", ~right[[one.answered for one in done]]),
     ]
 
 
@@ -216,7 +239,7 @@ def of_covariance(name: str, done: Sequence[Outcome]) -> Figure:
 
     Larger is worse than smaller, for it says too much.
     """
-    squares = [one.normalised for one in done if one.right and one.result.status == "registered"]
+    squares = [one.normalised for one in done if one.right and one.answered]
     value = float(np.mean(squares)) if squares else None
     return Figure(f"register.covariance.{name}.normalised", value, "1", len(squares), "lower")
 
@@ -235,10 +258,10 @@ def _solve_ms(setting: Setting) -> Figure:
     beliefs = [near_truth(trial, rng).poses for _ in range(_REPEATS)]
     poses = np.concatenate([pose.matrix for pose in beliefs if pose is not None])
     starts = Starts(poses, np.zeros(len(poses)))
-    seen = trial.observation("b").some(_POINTS)
-    coarse(at, seen, starts, most_rays=_POINTS, every=True)
+    seen = trial.observation("b").some(SOLVED_POINTS)
+    coarse(at, seen, starts, most_rays=SOLVED_POINTS, every=True)
     begun = time.process_time()
-    coarse(at, seen, starts, most_rays=_POINTS, every=True)
+    coarse(at, seen, starts, most_rays=SOLVED_POINTS, every=True)
     spent = (time.process_time() - begun) / len(poses)
     return Figure("register.solve.cpu_ms", 1e3 * spent, "ms", len(poses), "lower", 1.5)
 
@@ -267,6 +290,20 @@ def _wrong_patients(request: BenchRequest, settings: Sequence[Setting]) -> list[
         )
         for noise, each in refused.items()
     ]
+
+
+def _mirrored(request: BenchRequest, settings: Sequence[Setting]) -> Figure:
+    """Views of a patient (b) in which left is right, as a file that was flipped shows them: how many are refused."""
+    refused: list[bool] = []
+    with request.progress.task("mirrored views", len(settings)) as advance:
+        for setting in settings:
+            for number, trial in enumerate(setting.trials):
+                flipped = from_ranges(trial.ranges["b"][:, ::-1], trial.rays, DepthNoise())
+                result = register(setting.at, flipped, NOTHING, RegisterConfig(seed=number))
+                refused.append(result.status == "refused")
+            advance(1)
+    n, count = len(refused), sum(refused)
+    return Figure("register.mirrored.refused", count / n, "1", n, "higher", None, wilson(count, n))
 
 
 def _stranger(request: BenchRequest) -> Setting:

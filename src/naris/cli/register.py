@@ -269,13 +269,28 @@ def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str)
         "covariance": None if loose else found.covariance.tolist(),
         "sd_mm": None if loose else sd[:3].tolist(),
         "sd_deg": None if loose else np.rad2deg(sd[3:]).tolist(),
+        "expected_tre_mm": None if loose or found.anatomy_T_camera is None else _expected(found, anatomy),
         "alternatives": found.alternatives.matrix.tolist(),
         "rays": len(seen),
         "views": seen.views,
     }
 
 
+def _expected(found: Registration, anatomy: Anatomy) -> dict[str, float]:
+    """Expected target registration errors, by the name of the place."""
+    import numpy as np
+
+    from naris.evaluate.targets import expected_errors_mm
+    from naris.register.files import AHEAD, AHEAD_MM
+
+    places = {AHEAD: found.best.position_mm + AHEAD_MM * found.best.forward, **anatomy.landmarks_mm}
+    errors = expected_errors_mm(found.best, found.covariance, np.stack(list(places.values())))
+    return dict(zip(places, errors.tolist(), strict=True))
+
+
 def _text(data: dict[str, Any]) -> str:
+    from naris.register.files import AHEAD
+
     x, y, z = (row[3] for row in data["best_guess"][:3])
     where = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in {data['anatomy']['frame']} of {data['anatomy']['name']}"
     if data["status"] == "refused":
@@ -283,6 +298,10 @@ def _text(data: dict[str, Any]) -> str:
     unit = "times what the network says" if data["picture_alone"] else "mm per unit"
     scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} {unit}"
     lines = [f"registered: camera at {where}, probability {data['probability']:.2f} to be within 2 mm and 5°{scale}"]
+    if (expected := data["expected_tre_mm"]) is not None:
+        marks = [error for place, error in expected.items() if place != AHEAD]
+        there = f", {min(marks):.1f} to {max(marks):.1f} mm at the landmarks" if marks else ""
+        lines.append(f"  expected target registration error: {expected[AHEAD]:.1f} mm {AHEAD}{there}")
     if (off := data["scale_off_sd"]) is not None and abs(off) > _FAR_OFF_SD:
         lines.append(f"  the scale lies {abs(off):.1f} deviations from its prior: see which of them is right")
     if (edges := data["contours"]) is not None:

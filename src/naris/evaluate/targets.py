@@ -36,6 +36,26 @@ def target_errors_mm(found: Pose, true: Pose, targets_mm: Float[np.ndarray, "n 3
     return np.asarray(np.linalg.norm((found @ true.inverse()).apply(targets_mm) - targets_mm, axis=-1))
 
 
+def expected_errors_mm(
+    found: Pose, covariance: Float[np.ndarray, "6 6"], targets_mm: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n"]:
+    """How far each target is off if a pose is off as its covariance says: the root of the mean square.
+
+    To first order (Fitzpatrick and West 2001): a twist (t, ω) in the camera moves what it has at q by t + ω × q, so
+    the mean square is the trace of J Σ Jᵀ with J = (I, −[q]×).
+
+    Args:
+        found: `anatomy_T_camera`.
+        covariance: Σ of the twist in the camera, mm and rad (`naris.core.results.Registration.covariance`).
+        targets_mm: in the frame of the anatomy.
+    """
+    x, y, z = np.moveaxis(found.inverse().apply(targets_mm), -1, 0)
+    none = np.zeros_like(x)
+    turned = np.stack([none, z, -y, -z, none, x, y, -x, none], axis=-1).reshape(-1, 3, 3)
+    jacobian = np.concatenate([np.broadcast_to(np.eye(3), turned.shape), turned], axis=2)
+    return np.asarray(np.sqrt(np.einsum("nij,jk,nik->n", jacobian, covariance, jacobian)))
+
+
 def wall_ahead_mm(
     true: Pose, ranges_mm: Float[np.ndarray, "h w"], rays: Float[np.ndarray, "h w 3"], within_deg: float = CENTRE_DEG
 ) -> Float[np.ndarray, "n 3"]:

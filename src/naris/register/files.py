@@ -17,6 +17,8 @@ from naris.core.pose import Pose
 from naris.errors import InputError, MachineError
 
 CLOUDS, DEPTHS = (".npy", ".ply", ".txt", ".xyz", ".csv"), (".npy", ".png", ".tif", ".tiff")
+AHEAD_MM = 10.0
+AHEAD = f"{AHEAD_MM:.0f} mm ahead of the camera"
 _MOST_BYTES = 1 << 30
 _MOST_PIXELS = 64_000_000
 
@@ -150,7 +152,7 @@ def slicer_landmarks(anatomy: Anatomy, anatomy_T_camera: Pose | None) -> dict[st
     points = dict(anatomy.landmarks_mm)
     if anatomy_T_camera is not None:
         points["camera"] = anatomy_T_camera.position_mm
-        points["10 mm ahead of the camera"] = anatomy_T_camera.position_mm + 10.0 * anatomy_T_camera.forward
+        points[AHEAD] = anatomy_T_camera.position_mm + AHEAD_MM * anatomy_T_camera.forward
     return {
         "@schema": "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
         "markups-schema-v1.0.3.json#",
