@@ -142,6 +142,25 @@ def test_a_cloud_needs_no_camera(tube: Path, seen: Path, capfd: pytest.CaptureFi
     assert (told["reason"] is None) == (told["anatomy_T_camera"] is not None)
 
 
+def test_of_a_cloud_walls_are_drawn_on_the_frame_of_its_camera(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    given = ["--cloud", str(seen / "points.txt"), "--frame", str(seen / "frame.png"), "--probability", "0"]
+    assert main(words(tube, seen, *given, "-o", str(tmp_path / "out"))) == 0
+    sorted_files(tmp_path / "out", "flicker.gif")
+    with Image.open(tmp_path / "out" / "overlay.png") as picture:
+        assert picture.size == (CAMERA.width, CAMERA.height)
+
+
+def test_normals_that_are_not_used_are_told(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    points = np.loadtxt(seen / "points.txt")
+    np.save(tmp_path / "cloud.npy", np.hstack([points, np.tile([0.0, 0.6, -0.8], (len(points), 1))]))
+    assert main(["register", str(tube), "--cloud", str(tmp_path / "cloud.npy")]) in (0, 1)
+    assert "cloud.npy has normals, which are not used: --method imlop uses them" in capfd.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_shot_of_the_mean_nose_finds_its_place(
     mean_nose_ply: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -205,10 +224,7 @@ def test_another_method_can_be_chosen(
         (["--depth", "{seen}/depth.npy", "--shape-model", "{seen}"], "a shape model in"),
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "1000"], "check the unit"),
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "40"], "mm across, got a median of"),
-        (
-            ["--cloud", "{seen}/points.txt", "--frame", "{seen}/frame.png"],
-            "--frame only with --model, --contours or --shading",
-        ),
+        (["--cloud", "{seen}/points.txt"], "--intrinsics only with the --frame of that camera beside --cloud FILE"),
         (["--depth", "{seen}/depth.npy", "--frame", "{seen}/depth.png", "--noise", "-1"], "--noise"),
     ],
 )

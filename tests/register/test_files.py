@@ -10,6 +10,7 @@ from PIL import Image
 from naris.core.pose import CAMERA, Pose
 from naris.errors import InputError, MachineError, NarisError
 from naris.register.files import (
+    has_normals,
     read_cloud,
     read_depth_image,
     read_normals,
@@ -69,16 +70,22 @@ def test_the_markups_say_their_frame_and_where_the_camera_is(nose):
     np.testing.assert_allclose(ahead, 10 * POSE.forward)
 
 
-@pytest.mark.parametrize("suffix", [".npy", ".txt", ".csv"])
+@pytest.mark.parametrize("suffix", [".npy", ".txt", ".csv", ".ply"])
 def test_normals_stand_behind_the_points(tmp_path, suffix):
-    numbers = np.random.default_rng(2).uniform(-5, 5, (20, 6)).round(3)
+    numbers = np.random.default_rng(2).uniform(-5, 5, (20, 6))
+    numbers[:, 3:] /= np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
     file = tmp_path / f"cloud{suffix}"
     if suffix == ".npy":
         np.save(file, numbers)
+    elif suffix == ".ply":
+        names = "".join(f"property double {name}\n" for name in ("nx", "x", "y", "z", "ny", "nz"))
+        rows = "\n".join(" ".join(map(repr, row)) for row in numbers[:, [3, 0, 1, 2, 4, 5]].tolist())
+        file.write_text(f"ply\nformat ascii 1.0\nelement vertex 20\n{names}end_header\n{rows}\n")
     else:
         np.savetxt(file, numbers, delimiter="," if suffix == ".csv" else " ")
     np.testing.assert_allclose(read_cloud(file), numbers[:, :3])
     np.testing.assert_allclose(read_normals(file), numbers[:, 3:])
+    assert has_normals(file)
 
 
 def test_clouds_without_normals_are_refused_where_they_are_asked_for(tmp_path):
@@ -86,8 +93,16 @@ def test_clouds_without_normals_are_refused_where_they_are_asked_for(tmp_path):
     file.write_text("1 2 3\n4 5 6\n")
     with pytest.raises(InputError, match="the normal"):
         read_normals(file)
-    with pytest.raises(InputError, match="x y z nx ny nz a line"):
-        read_normals(tmp_path / "cloud.ply")
+    assert not has_normals(file)
+    with pytest.raises(InputError, match="no such file"):
+        has_normals(tmp_path / "missing.txt")
+
+
+def test_colours_are_no_normals(tmp_path):
+    file = tmp_path / "cloud.txt"
+    file.write_text("1 2 3 255 0 10\n4 5 6 250 2 8\n")
+    assert not has_normals(file)
+    assert len(read_cloud(file)) == 2
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".txt", ".csv", ".xyz", ".ply"])

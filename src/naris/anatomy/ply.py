@@ -16,6 +16,7 @@ from naris.anatomy.mesh_files import MeshFile, broken, fan, space_in
 from naris.core.anatomy import Anatomy
 from naris.core.atomic import write_bytes
 
+_XYZ = ("x", "y", "z")
 _LONGEST_HEADER = 65536
 _DIGITS = 16
 _TYPES = {
@@ -58,17 +59,19 @@ def read_ply(path: Path, content: bytes) -> MeshFile:
     return MeshFile(vertices, faces, frame[1].decode("utf-8", "replace") if frame else space_in(header))
 
 
-def read_ply_points(path: Path, content: bytes) -> Float[np.ndarray, "v 3"]:
-    """The vertices of a PLY file, with faces or without.
+def read_ply_points(path: Path, content: bytes, *, normals: bool = False) -> Float[np.ndarray, "v c"]:
+    """The vertices of a PLY file, with faces or without; x, y and z, and with `normals` nx, ny and nz behind them.
 
     Raises:
-        SurfaceError: if it is not PLY, not all of it, or has no vertices.
+        SurfaceError: if it is not PLY, not all of it, or has no vertices of that kind.
     """
-    return _elements(path, content)[0]
+    return _elements(path, content, (*_XYZ, "nx", "ny", "nz") if normals else _XYZ)[0]
 
 
-def _elements(path: Path, content: bytes) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"] | None, bytes]:
-    """Vertices, faces if there are some, and the header."""
+def _elements(
+    path: Path, content: bytes, axes: tuple[str, ...] = _XYZ
+) -> tuple[Float[np.ndarray, "v c"], Int[np.ndarray, "f 3"] | None, bytes]:
+    """Those properties of the vertices, faces if there are some, and the header."""
     header, body = _split(path, content)
     order, elements = _parse_header(path, header)
     rows: _TextRows | _BinaryRows = _BinaryRows(path, body, order) if order else _TextRows(path, body)
@@ -76,9 +79,9 @@ def _elements(path: Path, content: bytes) -> tuple[Float[np.ndarray, "v 3"], Int
     for element in elements:
         if element.name == "vertex":
             names = [p.name for p in element.properties]
-            if not element.fixed or not {"x", "y", "z"} <= set(names):
-                raise broken(path, "PLY", "vertices without x, y and z")
-            vertices = rows.table(element)[:, [names.index(axis) for axis in "xyz"]]
+            if not element.fixed or not set(axes) <= set(names):
+                raise broken(path, "PLY", f"vertices without {', '.join(axes[:-1])} and {axes[-1]}")
+            vertices = rows.table(element)[:, [names.index(axis) for axis in axes]]
         elif element.name == "face":
             faces = rows.polygons(element)
         elif vertices is None or faces is None:

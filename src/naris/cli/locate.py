@@ -68,7 +68,9 @@ def _model(checkpoint: Checkpoint) -> dict[str, Any]:
 
 
 def _why_not(prediction: Prediction, doubt: Doubt) -> str | None:
-    if prediction.out_of_domain is not None and prediction.out_of_domain > doubt.out_of_domain:
+    from naris.locate import is_strange
+
+    if is_strange(prediction, doubt):
         return "unlike the training's pictures"
     return "no region is likely enough" if prediction.probabilities.max() < doubt.probability else None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from naris.core.results import DepthEstimate
     from naris.register.observation import DepthNoise, Observation, Scale
 
+_log = logging.getLogger(__name__)
 _ONE_OF = "one of --depth, --rig and --cloud, or a --frame with its --intrinsics"
 
 
@@ -53,17 +55,13 @@ def check_observation(options: Options) -> None:
         got = "none" if not given else f"--{' and --'.join(given)}"
         raise InputError(_ONE_OF, got, "give what the camera saw" if not given else "give one of them")
     of_folder = options.cloud is not None and options.cloud.is_dir()
-    looks = options.contours or options.shading
-    if options.cloud is not None and not of_folder and options.model is None and not looks:
-        refuse(options, ("frame",), "only with --model, --contours or --shading beside --cloud FILE", "neither")
-    if options.depth is None:
-        if not (looks and options.cloud is not None and not of_folder):
-            refuse(
-                options,
-                ("intrinsics",),
-                "only with --depth, or with --cloud FILE and --contours or --shading",
-                f"--{given[0]}",
-            )
+    if options.cloud is not None and not of_folder:
+        if options.model is None and options.intrinsics is None:
+            refuse(options, ("frame",), "only with --intrinsics or --model beside --cloud FILE", "neither")
+        if options.frame is None:
+            refuse(options, ("intrinsics",), "only with the --frame of that camera beside --cloud FILE", "no frame")
+    elif options.depth is None:
+        refuse(options, ("intrinsics",), "only with --depth, or with --cloud FILE and a --frame", f"--{given[0]}")
     elif options.intrinsics is None:
         raise InputError("--intrinsics with --depth", "none", "give the camera of the depth image")
     _check_scale(options, of_folder=of_folder)
@@ -156,7 +154,7 @@ def _cloud(options: Options, file: Path) -> Seen:
     import numpy as np
 
     from naris.cli.cameras import read_intrinsics
-    from naris.register.files import read_cloud, read_normals
+    from naris.register.files import has_normals, read_cloud, read_normals
     from naris.register.observation import PointNoise, from_points
 
     points = read_cloud(file)
@@ -166,6 +164,8 @@ def _cloud(options: Options, file: Path) -> Seen:
     if options.normals_deg is not None:
         noise = replace(noise, normals_deg=options.normals_deg)
     normals = read_normals(file) if options.method == "imlop" else None
+    if normals is None and has_normals(file):
+        _log.warning("%s has normals, which are not used: --method imlop uses them", file.name)
     intrinsics = None if options.intrinsics is None else read_intrinsics(options.intrinsics)
     return Seen(from_points(points, noise, scale, normals), intrinsics)
 

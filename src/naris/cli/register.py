@@ -114,7 +114,7 @@ def run(options: Options, console: Console) -> int:
     seen = observe(options)
     ground = ground_of(options, seen)
     anatomy, regions = open_anatomy(options.anatomy, options.regions)
-    belief = _belief(options, anatomy, regions)
+    belief, believed = _belief(options, anatomy, regions)
     if options.shape_model is not None or options.modes is not None:
         from naris.cli.deformable import register_shape
 
@@ -126,7 +126,7 @@ def run(options: Options, console: Console) -> int:
         found = _registered(options, at, seen, ground, belief)
         advance(1)
     found, by_frame = _with_frame(options, found, anatomy, seen, ground)
-    data = _told(found, anatomy, seen.observation, options.method) | by_frame
+    data = _told(found, anatomy, seen.observation, options.method) | by_frame | {"model": believed}
     if options.out is not None:
         pose = found.anatomy_T_camera
         if pose is None:
@@ -178,17 +178,18 @@ def _check_camera(options: Options) -> None:
             raise InputError(f"--{name} with {what}", "none", "give the frame and its camera")
 
 
-def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
+def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> tuple[Belief, dict[str, Any] | None]:
+    """What is believed, and what a model said of the frame. A frame unlike those that it knows tells it nothing."""
     from naris.register.starts import NOTHING, Orientation, in_region, of_prediction
 
     orientation = Orientation(options.most_tilt_deg, options.most_roll_deg)
     if options.region is not None:
-        return in_region(regions, options.region, orientation)
+        return in_region(regions, options.region, orientation), None
     if options.model is None or options.frame is None:
-        return replace(NOTHING, orientation=orientation)
+        return replace(NOTHING, orientation=orientation), None
     from naris.cli.models import open_model
     from naris.errors import CheckpointError
-    from naris.locate import locate
+    from naris.locate import is_strange, locate
 
     localizer = open_model(options.model)
     subject = localizer.checkpoint.subject
@@ -197,7 +198,15 @@ def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> Belief:
             f"a model made for {anatomy.name}", f"one made for {subject.anatomy}", "train one on this anatomy"
         )
     (prediction,) = locate([options.frame], localizer)
-    return replace(of_prediction(prediction, anatomy.region_set(subject.regions.name)), orientation=orientation)
+    used = not is_strange(prediction)
+    believed = of_prediction(prediction, anatomy.region_set(subject.regions.name)) if used else NOTHING
+    told = {
+        "region": prediction.region_name,
+        "probability": float(prediction.probabilities.max()),
+        "out_of_domain": prediction.out_of_domain,
+        "used": used,
+    }
+    return replace(believed, orientation=orientation), told
 
 
 def _registered(
@@ -293,11 +302,16 @@ def _text(data: dict[str, Any]) -> str:
 
     x, y, z = (row[3] for row in data["best_guess"][:3])
     where = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in {data['anatomy']['frame']} of {data['anatomy']['name']}"
+    strange = data["model"] is not None and not data["model"]["used"]
+    unused = ["  the frame is unlike all that the model has seen: what it says of it was not used"] if strange else []
     if data["status"] == "refused":
-        return f"refused: {data['reason']}\n  best guess near {where}, not to be used"
+        return "\n".join([f"refused: {data['reason']}", f"  best guess near {where}, not to be used", *unused])
     unit = "times what the network says" if data["picture_alone"] else "mm per unit"
     scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} {unit}"
-    lines = [f"registered: camera at {where}, probability {data['probability']:.2f} to be within 2 mm and 5°{scale}"]
+    lines = [
+        f"registered: camera at {where}, probability {data['probability']:.2f} to be within 2 mm and 5°{scale}",
+        *unused,
+    ]
     if (expected := data["expected_tre_mm"]) is not None:
         marks = [error for place, error in expected.items() if place != AHEAD]
         there = f", {min(marks):.1f} to {max(marks):.1f} mm at the landmarks" if marks else ""

@@ -6,7 +6,7 @@
 """
 
 from naris.core.pictures import read_picture
-from naris.locate.answer import Doubt, is_localised, locate
+from naris.locate.answer import Doubt, is_localised, is_strange, locate
 from naris.locate.view import VisibleArea, views_of, visible_area
 
-__all__ = ["Doubt", "VisibleArea", "is_localised", "locate", "read_picture", "views_of", "visible_area"]
+__all__ = ["Doubt", "VisibleArea", "is_localised", "is_strange", "locate", "read_picture", "views_of", "visible_area"]

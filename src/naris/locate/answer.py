@@ -82,5 +82,9 @@ def _strangeness(prediction: Prediction) -> tuple[float, float]:
 
 def is_localised(prediction: Prediction, doubt: Doubt = Doubt()) -> bool:
     """Whether the prediction is an answer: of a picture of a known kind, with a region that is likely enough."""
-    strange = prediction.out_of_domain is not None and prediction.out_of_domain > doubt.out_of_domain
-    return not strange and float(prediction.probabilities.max()) >= doubt.probability
+    return not is_strange(prediction, doubt) and float(prediction.probabilities.max()) >= doubt.probability
+
+
+def is_strange(prediction: Prediction, doubt: Doubt = Doubt()) -> bool:
+    """Whether the picture is not of the kind that the network knows; False where it does not judge."""
+    return prediction.out_of_domain is not None and prediction.out_of_domain > doubt.out_of_domain

@@ -21,6 +21,7 @@ AHEAD_MM = 10.0
 AHEAD = f"{AHEAD_MM:.0f} mm ahead of the camera"
 _MOST_BYTES = 1 << 30
 _MOST_PIXELS = 64_000_000
+_UNIT = 0.02  # how far from 1 the length of a normal may be that was rounded to two digits
 
 
 def read_cloud(path: Path) -> Float[np.ndarray, "n 3"]:
@@ -33,14 +34,26 @@ def read_cloud(path: Path) -> Float[np.ndarray, "n 3"]:
 
 
 def read_normals(path: Path) -> Float[np.ndarray, "n 3"]:
-    """The normals (N, 3) of a cloud: the three numbers behind x, y and z in text or a numpy array.
+    """The normals (N, 3) of a cloud: nx, ny and nz of a PLY, or what stands behind x, y and z in text or numpy.
 
     Raises:
         InputError: if there is no such file, or it holds no normals.
     """
-    if path.suffix.lower() == ".ply":
-        raise InputError("normals in text or .npy", path.name, "write x y z nx ny nz a line")
     return _read_cloud(path, 6)[:, 3:]
+
+
+def has_normals(path: Path) -> bool:
+    """Whether three numbers behind each point are a direction; colours are none.
+
+    Raises:
+        InputError: if there is no such file.
+    """
+    try:
+        length = np.linalg.norm(read_normals(path), axis=1)
+    except InputError:
+        content_of(path, CLOUDS, "a cloud")
+        return False
+    return bool(len(length) and (np.abs(length - 1) < _UNIT).all())
 
 
 def _read_cloud(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
@@ -49,7 +62,7 @@ def _read_cloud(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
         if path.suffix.lower() == ".npy":
             points = np.load(io.BytesIO(content), allow_pickle=False)
         elif path.suffix.lower() == ".ply":
-            points = read_ply_points(path, content)
+            points = read_ply_points(path, content, normals=columns > 3)
         else:
             text = content.decode("utf-8", "strict").replace(",", " ")
             points = np.array([[float(word) for word in line.split()[:columns]] for line in _lines(text)])
