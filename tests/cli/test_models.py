@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from PIL import Image
 
 from naris.anatomy.regions import write_regions
 from naris.cli import main
+from naris.core.camera import Intrinsics
 from naris.dataset.read import Dataset
 from naris.locate import locate
 from naris.model.checkpoint import load_checkpoint
@@ -156,6 +158,28 @@ def test_the_camera_can_be_told(pictures: Path, trained: Path, tmp_path, capfd) 
     (tmp_path / "camera.json").write_text('{"width": 64}')
     assert main(["locate", picture, "-m", str(trained), "--intrinsics", str(tmp_path / "camera.json")]) == 2
     assert capfd.readouterr().err.count("\n") == 1
+
+
+def test_a_model_tells_a_registration_where_to_begin_unless_it_does_not_know_such_frames(
+    tube: Path, pictures: Path, trained: Path, tmp_path, capfd, monkeypatch
+) -> None:
+    frame = next((pictures / "images").rglob("*.png"))
+    np.save(tmp_path / "depth.npy", np.linspace(3, 9, 64 * 64).reshape(64, 64))
+    camera = Intrinsics.from_vertical_fov(64, 64, 45.0)
+    (tmp_path / "camera.json").write_text(json.dumps({k: v for k, v in asdict(camera).items() if v is not None}))
+    seen = ["--depth", str(tmp_path / "depth.npy"), "--intrinsics", str(tmp_path / "camera.json"), "--quiet"]
+    words = ["register", str(tube), *seen, "--frame", str(frame), "-m", str(trained / "model.safetensors")]
+    told = {}
+    for strange in (False, True):
+        monkeypatch.setattr("naris.locate.is_strange", lambda prediction, strange=strange: strange)
+        assert main([*words, "--json"]) in (0, 1)
+        told[strange] = json.loads(capfd.readouterr().out)["model"]
+    (prediction,) = locate([frame], trained / "model.safetensors")
+    assert told[False]["region"] == told[True]["region"] == prediction.region_name
+    assert told[False]["probability"] == pytest.approx(float(prediction.probabilities.max()), abs=1e-5)
+    assert [told[strange]["used"] for strange in (False, True)] == [True, False]
+    assert main(words) in (0, 1)
+    assert "unlike all that the model has seen: what it says of it was not used" in capfd.readouterr().out
 
 
 def test_the_folders_of_the_published_code_are_read_too(tube: Path, tmp_path, capfd) -> None:
