@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from naris.bench.trials import neighbours_of
+from naris.bench.trials import Trial, neighbours_of
 from naris.core.anatomy import Anatomy
 from naris.core.pose import CAMERA, Pose, distance
 from naris.register.map import RegistrationMap
 from naris.register.observation import UNKNOWN, Observation, together
+from naris.register.solve import BASIN_MM, BASIN_RAD, alike
 from naris.register.starts import NOTHING, Belief, find_starts, near
 
 NEAR_MM, NEAR_DEG = 3.0, 20.0
@@ -68,6 +69,16 @@ def test_of_several_views_as_many_starts_come_from_each_region_as_of_one(
         label = regions.label(starts.poses[:, :3, 3])
         assert len(starts.poses) >= count - len(regions.names)
         assert (label == regions.names.index(believed)).sum() >= 80
+
+
+def test_no_twenty_of_two_hundred_starts_lie_in_one_basin(prepared_nose: RegistrationMap, trials: list[Trial]) -> None:
+    """What is alike would end alike: the most that may be lost to that is a tenth, and of places there are many."""
+    for trial in trials:
+        poses = find_starts(prepared_nose, trial.observation("b"), NOTHING, 200, np.random.default_rng(0)).poses
+        near = np.stack([alike(poses, pose, BASIN_MM, BASIN_RAD) for pose in poses])
+        assert near.sum(axis=1).max() < 20
+        apart = [k for k in range(len(poses)) if not near[k, :k].any()]
+        assert len(apart) >= 30
 
 
 def test_believed_poses_begin_with_the_scale_that_their_walls_have(prepared_nose, trials):
