@@ -15,13 +15,13 @@ from naris.bench import BenchRequest, chain, chain_patient
 from naris.bench.chain import VIRTUAL, chosen, figures, inputs, lost
 from naris.bench.chain_patient import BELIEFS, CHAIN_NOISES, ChainConfig, Patient, beliefs, measured
 from naris.bench.chain_record import Fit, FrameRecord, Outcome, PatientRecord, read_record, write_record
-from naris.bench.point_peers import PEERS, missing
 from naris.bench.result import Figure
 from naris.core.anatomy import Anatomy
 from naris.core.pose import CAMERA, Pose
 from naris.core.progress import SILENT
 from naris.core.results import Prediction
 from naris.errors import ConfigurationChanged, InputError
+from naris.register.libraries import LIBRARIES, missing
 from tests.winding_tube import SLABS, winding_tube
 
 RIGHT, REFUSED = Outcome(0.5, 3.0, True, 0.4), Outcome(0.5, 3.0, False, 0.4)
@@ -167,7 +167,7 @@ def test_a_patient_that_was_broken_off_goes_on_where_it_was(tmp_path: Path, monk
     assert done.frames[0] == first.frames[0]
     assert set(done.frames[0].found) == set(CHAIN_NOISES)
     assert set(done.frames[0].found["c"]) == set(BELIEFS)
-    assert set(done.frames[0].by_others["b"]) == {"naris", *(name for name in PEERS if missing(name) is None)}
+    assert set(done.frames[0].by_others["b"]) == {"naris", *(name for name in LIBRARIES if missing(name) is None)}
     shutil.rmtree(tmp_path / "tube" / "compact")
     assert chain_patient.is_learned(tube, TINY, tmp_path / "tube")
     assert not chain_patient.is_learned(tube, replace(TINY, views=3), tmp_path / "tube")

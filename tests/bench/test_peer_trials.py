@@ -10,10 +10,10 @@ import pytest
 from naris.bench import BenchRequest, in_our_place, peer_trials
 from naris.bench.in_our_place import SOLVERS
 from naris.bench.peer_trials import ASKED, NO_SCALE
-from naris.bench.point_peers import NOT_INSTALLED, PEERS
 from naris.bench.problems import SOLVED_POINTS
 from naris.bench.trials import FROZEN, Trial, has_frozen
 from naris.core.pose import CAMERA, Pose, distance
+from naris.register.libraries import LIBRARIES, NOT_INSTALLED
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 
@@ -23,7 +23,7 @@ def test_without_the_trials_or_the_time_there_are_no_values(request_: BenchReque
     told = peer_trials.figures(request_)
     asked = {f"{name.lower()}.{start}.{noise}" for name in SOLVERS for start, noise in ASKED}
     names = {f"register.peers.{one}.{what}" for one in asked for what in ("success", "cpu_s")}
-    assert names | {f"register.peers.{name.lower()}.solve.cpu_ms" for name in PEERS} == {one.name for one in told}
+    assert names | {f"register.peers.{name.lower()}.solve.cpu_ms" for name in LIBRARIES} == {one.name for one in told}
     assert all(one.value is None and one.n == 0 for one in told)
 
 
@@ -32,7 +32,8 @@ def test_all_who_are_there_get_the_same_trials(monkeypatch: pytest.MonkeyPatch) 
     if not has_frozen(DATA):
         pytest.skip(f"no frozen trials at {DATA / FROZEN}")
     monkeypatch.setattr(peer_trials, "QUICK_TRIALS", 1)
-    monkeypatch.setattr(in_our_place, "aligner", lambda *_: NOT_INSTALLED)
+    for room in (in_our_place, peer_trials):
+        monkeypatch.setattr(room, "missing", lambda name: NOT_INSTALLED)
     told = {one.name: one for one in peer_trials.figures(BenchRequest(quick=True, scans=DATA, only="peers"))}
     for name in ("naris", "icp", "imlp"):
         for asked in ("region.b", "region.d", "none.d", "pose.b", "views3.b"):

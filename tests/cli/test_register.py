@@ -17,6 +17,7 @@ from naris.cli import main
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA as CAMERA_FRAME
 from naris.core.pose import Pose, distance
+from naris.register.libraries import LIBRARIES, missing
 from naris.render.scene import Scene, render
 from tests.conftest import shared_file
 from tests.register.sfm.colmap_models import model_of, write_binary, write_text
@@ -75,6 +76,18 @@ def test_depth_gives_a_pose_with_all_its_files_or_none(
     assert kept["anatomy_T_camera"] == told["anatomy_T_camera"]
     with Image.open(out / "overlay.png") as picture:
         assert picture.size == (CAMERA.width, CAMERA.height)
+
+
+def test_each_pixel_may_have_a_deviation_of_its_own(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    depth = np.load(seen / "depth.npy")
+    np.save(tmp_path / "sd.npy", np.where(np.arange(depth.shape[1]) < depth.shape[1] // 2, 0.2, 0.0) + 0 * depth)
+    told = []
+    for more in ([], ["--depth-sd", str(tmp_path / "sd.npy")]):
+        assert main(words(tube, seen, "--depth", str(seen / "depth.npy"), "--probability", "0", "--json", *more)) == 0
+        told.append(json.loads(capfd.readouterr().out)["rays"])
+    assert told[1] == pytest.approx(told[0] / 2, rel=0.1)
 
 
 def sorted_files(out: Path, *more: str) -> list[str]:
@@ -188,7 +201,7 @@ def test_a_real_shot_of_another_person_is_refused(mean_nose_ply: Path, capfd: py
         assert capfd.readouterr().out.startswith("refused: ")
 
 
-@pytest.mark.parametrize("method", ["icp", "imlop"])
+@pytest.mark.parametrize("method", ["icp", "imlop", *map(str.lower, LIBRARIES)])
 def test_another_method_can_be_chosen(
     tube: Path, seen: Path, tmp_path: Path, method: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -197,8 +210,19 @@ def test_another_method_can_be_chosen(
     np.savetxt(tmp_path / "cloud.txt", np.hstack([points, ways]))
     arguments = ["register", str(tube), "--cloud", str(tmp_path / "cloud.txt"), "--method", method, "--json", "--quiet"]
     more = ["--normals-deg", "60"] if method == "imlop" else []
-    assert main([*arguments, *more]) in (0, 1)
-    assert json.loads(capfd.readouterr().out)["method"] == method
+    status, (told, error) = main([*arguments, *more]), capfd.readouterr()
+    absent = next((missing(name) for name in LIBRARIES if name.lower() == method), None)
+    if absent is not None:
+        assert status == 2
+        assert error.count("\n") == 1
+        assert f"the library of the method {method}" in error
+        assert f"got {absent}" in error
+        assert "pip install 'naris[" in error
+        return
+    assert status in (0, 1)
+    assert json.loads(told)["method"] == method
+    off = np.linalg.norm(np.array(json.loads(told)["best_guess"])[:3, 3] - np.load(seen / "truth.npy")[:3, 3])
+    assert off < 2 or json.loads(told)["margin"] is not None
 
 
 @pytest.mark.parametrize(
@@ -217,6 +241,12 @@ def test_another_method_can_be_chosen(
         (["--depth", "{seen}/depth.npy", "--method", "imlop"], "--cloud FILE with --method imlop"),
         (["--depth", "{seen}/depth.npy", "--method", "icp", "--scale", "unknown"], "--scale known with --method icp"),
         (["--depth", "{seen}/depth.npy", "--normals-deg", "9"], "only with --method imlop"),
+        (["--depth", "{seen}/depth.npy", "--method", "open3d", "--scale", "unknown"], "--scale known with --method"),
+        (["--depth", "{seen}/depth.npy", "--depth-sd", "{seen}/depth.npy", "--noise", "1"], "without --depth-sd"),
+        (
+            ["--cloud", "{seen}/points.txt", "--frame", "{seen}/frame.png", "--depth-sd", "a.npy"],
+            "--depth-sd only with",
+        ),
         (["--depth", "{seen}/depth.npy", "--model", "m"], "--frame with --model"),
         (["--depth", "{seen}/depth.npy", "--modes", "0"], "--modes"),
         (["--depth", "{seen}/depth.npy", "--modes", "5", "--probability", "0.5"], "--probability only without a shape"),

@@ -8,7 +8,8 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.register.cloud_equations import Seen, _off
 from naris.register.equations import MOST_UNKNOWNS, Equations
-from naris.register.observation import PointNoise, Scale, from_points, together
+from naris.register.noise import PointNoise, Scale
+from naris.register.observation import from_points, together
 from naris.register.rays import prepared, rays_of, sight
 from naris.register.solve import fine
 from naris.register.starts import Starts

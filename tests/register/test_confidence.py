@@ -13,7 +13,8 @@ from naris.core.pose import CAMERA, Pose, distance
 from naris.register import confidence
 from naris.register.confidence import Evidence, chance_within, probability
 from naris.register.equations import RANGES, Model
-from naris.register.observation import PointNoise, from_points, together
+from naris.register.noise import PointNoise
+from naris.register.observation import from_points, together
 from naris.register.register import RegisterConfig, register
 from naris.register.solve import Solutions, fine
 from naris.register.starts import NOTHING, Starts, near

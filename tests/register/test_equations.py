@@ -6,7 +6,8 @@ import pytest
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.register.equations import MOST_UNKNOWNS, Equations, cast
-from naris.register.observation import DepthNoise, PointNoise, Scale, from_points, from_ranges, together
+from naris.register.noise import DepthNoise, PointNoise, Scale
+from naris.register.observation import from_points, from_ranges, together
 from naris.register.rays import memory_for, prepared, sight
 from naris.register.solve import coarse, fine
 from naris.register.starts import Starts

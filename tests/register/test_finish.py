@@ -7,7 +7,8 @@ from naris.core.pose import CAMERA, Pose, distance
 from naris.errors import InputError
 from naris.register.equations import MOST_UNKNOWNS
 from naris.register.finish import by_points, cloud_noise
-from naris.register.observation import UNKNOWN, DepthNoise, PointNoise, from_points, from_ranges, together
+from naris.register.noise import UNKNOWN, DepthNoise, PointNoise
+from naris.register.observation import from_points, from_ranges, together
 from naris.register.rays import prepared, sight
 from naris.register.register import RegisterConfig, register
 from naris.register.solve import AS_THEY_ARE, fine, judged

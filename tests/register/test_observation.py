@@ -6,18 +6,8 @@ import pytest
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.errors import InputError, PoseError
-from naris.register.observation import (
-    ENDOSCOPIC_MM,
-    UNKNOWN,
-    DepthNoise,
-    PointNoise,
-    Scale,
-    any_scale,
-    from_depth,
-    from_points,
-    from_sightings,
-    together,
-)
+from naris.register.noise import ENDOSCOPIC_MM, UNKNOWN, DepthNoise, PointNoise, Scale, any_scale
+from naris.register.observation import from_depth, from_points, from_sightings, together
 
 CAMERA_OF_TESTS = Intrinsics.from_vertical_fov(64, 48, 60.0)
 
@@ -47,6 +37,29 @@ def test_the_mean_of_a_block_has_less_noise_and_an_edge_is_not_blurred():
     z = seen.ranges * seen.directions[:, 2]
     assert np.minimum(np.abs(z - 5), np.abs(z - 20)).max() < 0.05
     assert np.isclose(seen.radial, 0.1).sum() > 600 and np.isclose(seen.radial, 0.2).sum() == 24
+
+
+def test_the_same_deviation_for_each_pixel_is_that_of_all():
+    depth = np.random.default_rng(0).uniform(6, 7, (48, 64))
+    depth[:, 33:] += 20.0
+    z = CAMERA_OF_TESTS.rays()[..., 2]
+    of_all = from_depth(depth, CAMERA_OF_TESTS, DepthNoise(pixel_mm=0.2))
+    of_each = from_depth(depth, CAMERA_OF_TESTS, sd=0.2 * z)
+    for name in ("ranges", "directions", "radial", "isotropic"):
+        np.testing.assert_allclose(getattr(of_each, name), getattr(of_all, name), rtol=1e-9)
+
+
+def test_a_pixel_has_the_deviation_that_it_is_said_to_have_and_none_without_one():
+    sd = np.full((48, 64), 0.1)
+    sd[:, 32:] = 0.4
+    sd[:24, :10], sd[24:, :10] = 0.0, np.nan
+    seen = from_depth(np.full((48, 64), 7.0), CAMERA_OF_TESTS, DepthNoise(smooth=0.0), sd=sd)
+    right = seen.directions[:, 0] > 0
+    assert len(seen) == 24 * 27
+    along = seen.radial * seen.directions[:, 2]  # of z-depth, in blocks of four pixels
+    np.testing.assert_allclose(along, np.where(right, 0.2, 0.05), rtol=0.02)
+    with pytest.raises(InputError, match="deviations of as many pixels, 48 × 64, got 64 × 48"):
+        from_depth(np.full((48, 64), 7.0), CAMERA_OF_TESTS, sd=sd.T)
 
 
 def test_pixels_without_depth_are_left_out():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from naris.core.pose import CAMERA, Pose
-from naris.register.observation import PointNoise, Scale, from_points
+from naris.register.noise import PointNoise, Scale
+from naris.register.observation import from_points
 from naris.register.predictive import drawn_again, surprise
 from naris.register.solve import judged
 from naris.register.starts import Starts

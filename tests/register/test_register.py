@@ -12,7 +12,8 @@ from naris.core.results import Prediction
 from naris.errors import InputError, PoseError, RegionError, SurfaceError
 from naris.register.confidence import Evidence
 from naris.register.map import registration_map
-from naris.register.observation import DepthNoise, Scale, from_ranges, together
+from naris.register.noise import DepthNoise, Scale
+from naris.register.observation import from_ranges, together
 from naris.register.rays import prepared
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, Belief, Orientation, in_region, near, of_prediction

@@ -9,7 +9,7 @@ import pytest
 from naris.core.camera import Fisheye, Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.errors import InputError, PoseError
-from naris.register.observation import KNOWN, DepthNoise
+from naris.register.noise import KNOWN, DepthNoise
 from naris.register.rig import read_rig
 
 LENS = Intrinsics.from_vertical_fov(32, 24, 60.0)
@@ -39,6 +39,17 @@ def test_each_view_has_its_depth_camera_and_pose(tmp_path):
     seen = rig.observed(DepthNoise(), KNOWN)
     assert seen.views == 2
     np.testing.assert_allclose(seen.origins[seen.view == 1][0], ASIDE.position_mm)
+
+
+def test_a_view_may_say_how_sure_each_of_its_pixels_is(tmp_path):
+    content = told(tmp_path)
+    np.save(tmp_path / "sd.npy", np.full((24, 32), 90.0))
+    content["views"][0]["depth_sd"] = "sd.npy"
+    rig = read_rig(kept(tmp_path, content), 0.01)
+    assert rig.sds[0] is not None and np.allclose(rig.sds[0], 0.9)
+    assert rig.sds[1] is None
+    seen = rig.observed(DepthNoise(smooth=0.0, pixel_mm=0.1), KNOWN)
+    assert seen.radial[seen.view == 0].min() > 2 * seen.radial[seen.view == 1].max()
 
 
 def test_a_camera_is_needed(tmp_path):

@@ -7,7 +7,8 @@ import pytest
 
 from naris.core.pose import CAMERA, Pose
 from naris.register.equations import RANGES, Model
-from naris.register.observation import DepthNoise, from_ranges
+from naris.register.noise import DepthNoise
+from naris.register.observation import from_ranges
 from naris.register.solve import Solutions, aside, different, fine, merged, promising
 from naris.register.starts import Starts
 

@@ -10,7 +10,8 @@ from naris.bench.trials import Trial, neighbours_of
 from naris.core.anatomy import Anatomy
 from naris.core.pose import CAMERA, Pose, distance
 from naris.register.map import RegistrationMap
-from naris.register.observation import UNKNOWN, Observation, together
+from naris.register.noise import UNKNOWN
+from naris.register.observation import Observation, together
 from naris.register.solve import BASIN_MM, BASIN_RAD, alike
 from naris.register.starts import NOTHING, Belief, find_starts, near
 
@@ -69,6 +70,21 @@ def test_of_several_views_as_many_starts_come_from_each_region_as_of_one(
         label = regions.label(starts.poses[:, :3, 3])
         assert len(starts.poses) >= count - len(regions.names)
         assert (label == regions.names.index(believed)).sum() >= 80
+
+
+def test_regions_of_the_same_chance_get_as_many_starts_each(
+    nose: Anatomy, prepared_nose: RegistrationMap, trials: list[Trial]
+) -> None:
+    """Two of equal chance are two regions, and not one of that chance."""
+    regions, count = nose.region_set(), 200
+    first, second, *rest = regions.names
+    chances = {first: 0.4, second: 0.4, **dict.fromkeys(rest, 0.2 / len(rest))}
+    for trial in trials[:4]:
+        seen = trial.observation("b")
+        starts = find_starts(prepared_nose, seen, Belief(regions, chances), count, np.random.default_rng(0))
+        label = regions.label(starts.poses[:, :3, 3])
+        for name in (first, second):
+            assert (label == regions.names.index(name)).sum() >= 40
 
 
 def test_no_twenty_of_two_hundred_starts_lie_in_one_basin(prepared_nose: RegistrationMap, trials: list[Trial]) -> None:

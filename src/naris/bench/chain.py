@@ -36,11 +36,11 @@ from naris.bench.chain_patient import (
     measured,
 )
 from naris.bench.chain_record import FrameRecord, Outcome, PatientRecord
-from naris.bench.point_peers import PEERS, missing
 from naris.bench.result import Figure, wilson
 from naris.core.provenance import commit, file_digest, plain
 from naris.core.side_by_side import side_by_side
 from naris.experiment.claim import claim
+from naris.register.libraries import LIBRARIES, missing
 from naris.train import COMPACT_DEMO
 
 VIRTUAL = 20
@@ -191,7 +191,7 @@ def _of_other(name: str, noise: str, solver: str, some: Frames) -> list[Figure]:
     found = [frame.by_others[noise][solver] for frame in some if solver in frame.by_others[noise]]
     name = f"{name}.by_{solver.lower()}"
     if not found:
-        why = missing(solver) if solver in PEERS else None
+        why = missing(solver) if solver in LIBRARIES else None
         told = {solver: why or "not measured"}
         return [Figure(f"{name}.tre_lt2", None, "1", 0, "higher", peers=told)]
     spent = float(np.mean([one.cpu_s for one in found]))

@@ -17,7 +17,6 @@ from naris.anatomy.folder import DESCRIPTION, load_anatomy, save_anatomy
 from naris.anatomy.scanned import anatomy_of_airway
 from naris.bench.chain_record import Fit, FrameRecord, Outcome, PatientRecord, read_record, write_record
 from naris.bench.in_our_place import OURS, Solver, solver_of
-from naris.bench.point_peers import PEERS
 from naris.bench.problems import FROM_POSE
 from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, Noise, Trial, drawn_trials, frames
 from naris.core.anatomy import Anatomy, RegionSet
@@ -32,6 +31,7 @@ from naris.evaluate.targets import target_errors_mm, wall_ahead_mm
 from naris.experiment.start_weights import knows, start_for
 from naris.locate import locate
 from naris.model.localizer import Localizer, open_localizer
+from naris.register.libraries import LIBRARIES
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.observation import Observation
 from naris.register.register import RegisterConfig, register
@@ -61,7 +61,7 @@ AS_THE_TRIALS = ViewDistribution(
 )
 """Views like those of the trials, which look up to 90° off the way: one learns what one is asked."""
 
-SAME_STARTS = (OURS, *PEERS)
+SAME_STARTS = (OURS, *LIBRARIES)
 """Solvers from the same few starts, told the whole prediction."""
 
 FRAMES = "frames.json"

@@ -24,10 +24,10 @@ from jaxtyping import Float
 from naris.anatomy.mesh_files import MeshFile
 from naris.anatomy.ply import read_ply
 from naris.bench import BenchRequest
-from naris.bench.point_peers import PEERS, aligner, target_of
 from naris.bench.result import Figure, Peer
 from naris.core.pose import Pose
 from naris.errors import InputError
+from naris.register.libraries import LIBRARIES, aligner, target_of
 from naris.register.likely_point.noise import CloudNoise
 from naris.register.likely_point.points import Method, register_points
 from naris.register.likely_point.solve import PointsConfig
@@ -184,7 +184,7 @@ def _of_peers(mesh: MeshFile, runs: Sequence[Run], seed: int) -> dict[str, list[
     """What each came to in each run: cisstICP as it left it, the others from points alone."""
     errors: dict[str, list[Peer]] = {_CISSTICP: [mean_off_mm(mesh, run.reached) for run in runs]}
     target = target_of(mesh.vertices, mesh.faces, _TARGET_POINTS, np.random.default_rng(seed))
-    for name in PEERS:
+    for name in LIBRARIES:
         ready = aligner(name, target, _PEER_REACHES_MM)
         if isinstance(ready, str):
             errors[name] = [ready] * len(runs)

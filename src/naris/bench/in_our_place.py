@@ -19,9 +19,9 @@ from typing import Literal
 
 import numpy as np
 
-from naris.bench.point_peers import PEERS, Align, aligner, target_of
 from naris.core.anatomy import Anatomy
 from naris.core.pose import CAMERA, Pose
+from naris.register.libraries import LIBRARIES, OfCloud, library_for, missing
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
 from naris.register.register import RegisterConfig, register
@@ -31,10 +31,8 @@ from naris.register.starts import Belief, Starts, find_starts
 OURS = "naris"
 METHODS = ("icp", "imlp")
 """Ours as well; of a known scale only."""
-SOLVERS = (OURS, *METHODS, *PEERS)
+SOLVERS = (OURS, *METHODS, *LIBRARIES)
 STARTS = 40
-_TARGET_POINTS = 100_000
-_REACHES_MM = (5.0, 2.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,7 @@ def solver_of(name: str, anatomy: Anatomy, seed: int = 0, config: RegisterConfig
     Args:
         name: of the solver.
         anatomy: what is registered to.
-        seed: of the points that stand for its surface, and of the starts beside believed poses.
+        seed: of the starts beside believed poses.
         config: how much is tried: starts, for all but ICP and IMLP 40 at most, and finalists.
     """
     starts = min(config.starts, STARTS)
@@ -71,18 +69,12 @@ def solver_of(name: str, anatomy: Anatomy, seed: int = 0, config: RegisterConfig
         method: Literal["icp", "imlp"] = "icp" if name == "icp" else "imlp"
         by_points = replace(config, method=method, seed=seed, aside=0)
         return lambda at, seen, belief: Answer(register(at, seen, belief, by_points).best)
-    of_cloud = library_of(name, anatomy, seed)
-    if isinstance(of_cloud, str):
-        return of_cloud
+    if (absent := missing(name)) is not None:
+        return absent
+    of_cloud = library_for(name, anatomy)
     return lambda at, seen, belief: _by_library(
         of_cloud, at, seen, find_starts(at, seen, belief, starts, np.random.default_rng(seed))
     )
-
-
-def library_of(name: str, anatomy: Anatomy, seed: int = 0) -> Callable[[np.ndarray], Align] | str:
-    """One of `PEERS` made ready for an anatomy's surface, as here (`naris.bench.point_peers.aligner`)."""
-    target = target_of(anatomy.vertices_mm, anatomy.faces, _TARGET_POINTS, np.random.default_rng(seed))
-    return aligner(name, target, _REACHES_MM)
 
 
 def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, config: RegisterConfig) -> Answer:
@@ -91,22 +83,12 @@ def _by_us(at: RegistrationMap, seen: Observation, belief: Belief, config: Regis
     return Answer(Pose(best, at.anatomy.frame, CAMERA))
 
 
-def _by_library(
-    of_cloud: Callable[[np.ndarray], Align], at: RegistrationMap, seen: Observation, starts: Starts
-) -> Answer:
+def _by_library(of_cloud: OfCloud, at: RegistrationMap, seen: Observation, starts: Starts) -> Answer:
     points, ended = seen.origins + seen.ranges[:, None] * seen.directions, []
     # Everything is prepared once for a scale: all starts share it where it is known.
     aligned = {scale: of_cloud(np.exp(scale) * points) for scale in set(starts.log_scales.tolist())}
     for pose, scale in zip(starts.poses, starts.log_scales.tolist(), strict=True):
-        ended.append(_proper(aligned[scale](pose)))
+        ended.append(aligned[scale](pose))
     begun = time.process_time()
     best = judged(at, seen, replace(starts, poses=np.stack(ended))).poses[0]
     return Answer(Pose(best, at.anatomy.frame, CAMERA), time.process_time() - begun)
-
-
-def _proper(pose: np.ndarray) -> np.ndarray:
-    """The nearest rotation: libraries return theirs with what rounding left of it."""
-    u, _, w = np.linalg.svd(pose[:3, :3])
-    cleaned = pose.copy()
-    cleaned[:3, :3] = u @ w
-    return cleaned

@@ -7,19 +7,19 @@ our likelihood took to choose among the answers of a library, which has none, st
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from naris.bench import BenchRequest
-from naris.bench.in_our_place import METHODS, SOLVERS, Solver, library_of, solver_of
-from naris.bench.point_peers import PEERS, Align
+from naris.bench.in_our_place import METHODS, SOLVERS, Solver, solver_of
 from naris.bench.problems import FROM_POSE, SOLVED_POINTS, Start, near_truth, problem
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import Noise, Trial, frozen_setting, has_frozen
 from naris.core.pose import distance
+from naris.register.libraries import LIBRARIES, OfCloud, library_for, missing
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.register import RegisterConfig
 from naris.register.starts import Belief
@@ -57,7 +57,7 @@ def figures(request: BenchRequest) -> list[Figure]:
     left_out = request.quick and request.only is None
     if left_out or request.scans is None or not has_frozen(request.scans):
         nothing = [figure for asked in ASKED for name in SOLVERS for figure in _of(name, asked, [], {})]
-        return [*nothing, *(_solve_figure(name, None) for name in PEERS)]
+        return [*nothing, *(_solve_figure(name, None) for name in LIBRARIES)]
     mean, trials = frozen_setting(request.scans)
     trials = trials[:QUICK_TRIALS] if request.quick else trials
     at, done = registration_map(mean), []
@@ -74,10 +74,11 @@ def figures(request: BenchRequest) -> list[Figure]:
                 done += _of(name, (start, noise), [], {name: solver})
             else:
                 done += _of(name, (start, noise), _run(request, name, (start, noise), at, trials, solver), {})
-    return [*done, *(_solve_figure(name, library_of(name, mean, request.seed), trials[0]) for name in PEERS)]
+    solves = (_solve_figure(name, missing(name) or library_for(name, mean), trials[0]) for name in LIBRARIES)
+    return [*done, *solves]
 
 
-def _solve_figure(name: str, ready: Callable[[np.ndarray], Align] | str | None, trial: Trial | None = None) -> Figure:
+def _solve_figure(name: str, ready: OfCloud | str | None, trial: Trial | None = None) -> Figure:
     """One solve of as many points as `register.solve.cpu_ms`, from poses beside the truth, as that is measured."""
     called = f"{BASE}.{name.lower()}.solve.cpu_ms"
     if ready is None or isinstance(ready, str) or trial is None:
@@ -106,7 +107,7 @@ def _of(name: str, asked: tuple[Start, Noise], solved: Sequence[_Solved], peers:
         Figure(f"{base}.success", right / n, "1", n, "higher", None, wilson(right, n)),
         Figure(f"{base}.cpu_s", spent, "CPU-s", n, "lower"),
     ]
-    if name in PEERS:
+    if name in LIBRARIES:
         made.append(Figure(f"{base}.judging_cpu_s", judging, "CPU-s", n, "lower"))
     return made
 

@@ -39,6 +39,8 @@ PICTURE_SOLVER = (
     "naris.register.picture",
     "naris.register.shading",
     "naris.register.contour",
+    "naris.register.astray",
+    "naris.register.noise",
     "naris.register.observation",
     "naris.locate.depth",
     "naris.locate.view",

@@ -39,7 +39,8 @@ from naris.evaluate.score import auroc, normalised_square, reliability
 from naris.evaluate.targets import target_errors_mm
 from naris.register.confidence import FITTED
 from naris.register.map import RegistrationMap, registration_map
-from naris.register.observation import DepthNoise, from_ranges
+from naris.register.noise import DepthNoise
+from naris.register.observation import from_ranges
 from naris.register.register import RegisterConfig, register
 from naris.register.solve import coarse
 from naris.register.starts import NOTHING, Starts

@@ -26,7 +26,8 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose, stack
 from naris.register.directions import rotations
 from naris.register.map import registration_map
-from naris.register.observation import KNOWN, UNKNOWN, DepthNoise, Observation, PointNoise, from_points, from_ranges
+from naris.register.noise import KNOWN, UNKNOWN, DepthNoise, PointNoise
+from naris.register.observation import Observation, from_points, from_ranges
 from naris.render.appearance import UNSEEN_APPEARANCE
 from naris.render.scene import Scene, render
 from naris.render.viewpoints import sees_ahead

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from naris.cli.register import Options
     from naris.core.camera import Intrinsics
     from naris.core.results import DepthEstimate
-    from naris.register.observation import DepthNoise, Observation, Scale
+    from naris.register.noise import DepthNoise, Scale
+    from naris.register.observation import Observation
 
 _log = logging.getLogger(__name__)
 _ONE_OF = "one of --depth, --rig and --cloud, or a --frame with its --intrinsics"
@@ -64,6 +65,10 @@ def check_observation(options: Options) -> None:
         refuse(options, ("intrinsics",), "only with --depth, or with --cloud FILE and a --frame", f"--{given[0]}")
     elif options.intrinsics is None:
         raise InputError("--intrinsics with --depth", "none", "give the camera of the depth image")
+    if options.depth is None:
+        refuse(options, ("depth_sd",), "only with --depth", f"--{given[0]}")
+    elif options.depth_sd is not None:
+        refuse(options, ("noise",), "only without --depth-sd", "both")
     _check_scale(options, of_folder=of_folder)
 
 
@@ -92,7 +97,17 @@ def _check_frame_alone(options: Options) -> None:
             "--intrinsics with a --frame alone", "none", "give its camera: the same picture of another lens is nearer"
         )
     what = "only with --depth, --rig or --cloud"
-    names = ("view", "depth_unit_mm", "smooth_error", "noise", "scale", "scale_factor", "scale_spread", "normals_deg")
+    names = (
+        "view",
+        "depth_unit_mm",
+        "smooth_error",
+        "noise",
+        "scale",
+        "scale_factor",
+        "scale_spread",
+        "normals_deg",
+        "depth_sd",
+    )
     refuse(options, names, what, "a --frame alone, whose depth and errors a network tells")
     if options.alone:
         raise InputError("--alone only with --cloud FOLDER", "no reconstruction", "leave it out")
@@ -133,8 +148,9 @@ def observe(options: Options) -> Seen:
     if options.depth is None:
         return _picture(options, intrinsics)
     depth = read_depth_image(options.depth, unit_mm)
+    sd = None if options.depth_sd is None else read_depth_image(options.depth_sd, unit_mm)
     scale = _scale(options, depth)
-    return Seen(from_depth(depth, intrinsics, _noise(options, scale), scale), intrinsics, depth)
+    return Seen(from_depth(depth, intrinsics, _noise(options, scale), scale, sd), intrinsics, depth)
 
 
 def _picture(options: Options, intrinsics: Intrinsics) -> Seen:
@@ -155,7 +171,8 @@ def _cloud(options: Options, file: Path) -> Seen:
 
     from naris.cli.cameras import read_intrinsics
     from naris.register.files import has_normals, read_cloud, read_normals
-    from naris.register.observation import PointNoise, from_points
+    from naris.register.noise import PointNoise
+    from naris.register.observation import from_points
 
     points = read_cloud(file)
     scale = _scale(options, np.linalg.norm(points, axis=1))
@@ -173,7 +190,7 @@ def _cloud(options: Options, file: Path) -> Seen:
 def _reconstruction(options: Options, folder: Path) -> Seen:
     import numpy as np
 
-    from naris.register.observation import PointNoise
+    from naris.register.noise import PointNoise
     from naris.register.sfm.read import read_reconstruction
     from naris.register.sfm.reconstruction import noise_of, observed
 
@@ -187,7 +204,7 @@ def _reconstruction(options: Options, folder: Path) -> Seen:
 
 def _noise(options: Options, scale: Scale) -> DepthNoise:
     """As it is said; else what is usual, in the unit of the depth as the scale has it."""
-    from naris.register.observation import DepthNoise
+    from naris.register.noise import DepthNoise
 
     plain = DepthNoise()
     return DepthNoise(
@@ -201,7 +218,7 @@ def _scale(options: Options, distances: np.ndarray) -> Scale:
     """As it is said; an unknown one makes endoscopic distances of these, which are above 0 where they are known."""
     import numpy as np
 
-    from naris.register.observation import Scale, any_scale
+    from naris.register.noise import Scale, any_scale
 
     if options.scale == "prior" and options.scale_factor is not None:
         spread = 0.2 if options.scale_spread is None else options.scale_spread

@@ -38,6 +38,9 @@ class Options:
     """The folder of an anatomy, a surface file, or the word builtin."""
     depth: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
     """Z-depth of one frame: a 16-bit PNG or TIFF, or a .npy (H, W); 0 or NaN where it is not known."""
+    depth_sd: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
+    """Standard deviation of each pixel's depth by itself, as the depth is given: in the place of --noise, and of the
+    same size. A pixel without one is not used. With --depth; of a rig its JSON names them."""
     rig: Annotated[IfGiven[Path], tyro.conf.arg(metavar="FILE")] = None
     """JSON that lists depth images of several frames, their cameras, and first_T_camera of each."""
     cloud: Annotated[IfGiven[Path], tyro.conf.arg(metavar="PATH")] = None
@@ -66,9 +69,10 @@ class Options:
     """Error of each pixel or point by itself (one standard deviation), in mm, or in their own unit where the scale is
     not known; when not given 0.3 mm for a depth image, 0.5 mm for a cloud, as the likeliest scale has it, and 3 % of
     the median distance for a reconstruction."""
-    method: Literal["naris", "icp", "imlp", "imlop"] = "naris"
+    method: Literal["naris", "icp", "imlp", "imlop", "small_gicp", "small_gicp_planes", "open3d"] = "naris"
     """What the best starts are solved by: naris by rays and the smooth error; icp, imlp and imlop match points with the
-    walls, imlop their normals too (six numbers a line, or a .npy (N, 6)). Those need --scale known."""
+    walls, imlop their normals too (six numbers a line, a .npy (N, 6), or a PLY with nx, ny and nz). So do the libraries
+    small_gicp (as GICP, or points to planes) and open3d, where they are installed. All those need --scale known."""
     normals_deg: IfGiven[float] = None
     """Error of the normals, in degrees (one standard deviation); 15 when not given. With --method imlop."""
     region: Annotated[IfGiven[str], tyro.conf.arg(metavar="NAME")] = None
@@ -125,7 +129,7 @@ def run(options: Options, console: Console) -> int:
     with console.progress.task("registering", 1) as advance:
         found = _registered(options, at, seen, ground, belief)
         advance(1)
-    found, by_frame = _with_frame(options, found, anatomy, seen, ground)
+    found, by_frame = _with_frame(options, found, (at, belief), seen, ground)
     data = _told(found, anatomy, seen.observation, options.method) | by_frame | {"model": believed}
     if options.out is not None:
         pose = found.anatomy_T_camera
@@ -228,7 +232,11 @@ def _registered(
 
 
 def _with_frame(
-    options: Options, found: Registration, anatomy: Anatomy, seen: Seen, frame: np.ndarray | None
+    options: Options,
+    found: Registration,
+    of: tuple[RegistrationMap, Belief],
+    seen: Seen,
+    frame: np.ndarray | None,
 ) -> tuple[Registration, dict[str, Any]]:
     """The pose as edges or shading of the frame have it, and what is told of them; None where that is not asked for."""
     told: dict[str, Any] = {"contours": None, "shading": None}
@@ -236,21 +244,24 @@ def _with_frame(
         return found, told
     import math
 
+    from naris.register.astray import unless_astray
     from naris.render.scene import Scene
 
+    scene = Scene(of[0].anatomy)
     if options.contours:
         from naris.register.contour import sharpened
 
-        made = sharpened(Scene(anatomy), found, frame, seen.intrinsics)
+        made = sharpened(scene, found, frame, seen.intrinsics)
         before, after = (None if math.isnan(px) else px for px in made.off_px)
         moved = {"edges": made.edges, "used": made.moved_mm > 0, "moved_mm": made.moved_mm, "moved_deg": made.moved_deg}
-        return made.registration, told | {"contours": moved | {"off_px_before": before, "off_px_after": after}}
+        told["contours"] = moved | {"off_px_before": before, "off_px_after": after}
+        return unless_astray(made.registration, *of, "--contours"), told
     from naris.register.shading import reshaded
 
-    shaded = reshaded(Scene(anatomy), found, frame, seen.intrinsics)
+    shaded = reshaded(scene, found, frame, seen.intrinsics)
     moved = {"used": shaded.used, "moved_mm": shaded.moved_mm, "moved_deg": shaded.moved_deg}
     moved |= {"cost_before": shaded.cost[0], "cost_after": shaded.cost[1]}
-    return shaded.registration, told | {"shading": moved}
+    return unless_astray(shaded.registration, *of, "--shading"), told | {"shading": moved}
 
 
 def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str) -> dict[str, Any]:

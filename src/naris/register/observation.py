@@ -6,7 +6,6 @@ The scale is stated by the caller and never guessed.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -19,6 +18,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import DepthEstimate
 from naris.errors import InputError, PoseError
+from naris.register.noise import KNOWN, DepthNoise, PointNoise, Scale
 
 _BLOCKS = 32
 _CONSISTENT = 4.5
@@ -28,113 +28,6 @@ _MOST_BEHIND = 0.5
 _ROUNDED_MM = 0.03  # what the map rounds off
 _NETWORK_OUTLIERS = 0.05
 _FLAT = 0.01  # rad: a view that is thinner leaves the pose loose
-
-
-@dataclass(frozen=True)
-class Scale:
-    """What is known of the size of an observation.
-
-    Attributes:
-        kind: `known` (the observation is in mm), `unknown` (any factor from `low` to `high` makes mm of it), or
-            `prior` (the factor is log-normal about `factor`).
-        factor: mm per unit of the observation, where there is a guess.
-        sd_log: standard deviation of the logarithm of the factor, of a prior.
-        low, high: the factors that an unknown scale is sought between.
-    """
-
-    kind: str = "known"
-    factor: float = 1.0
-    sd_log: float = 0.0
-    low: float = 0.4
-    high: float = 2.5
-
-    def __post_init__(self) -> None:
-        if self.kind not in ("known", "unknown", "prior"):
-            raise InputError("a scale that is known, unknown or prior", repr(self.kind), "name one of the three")
-        is_prior = self.kind == "prior"
-        fits = (
-            0 < self.low < self.high < np.inf
-            and 0 < self.factor < np.inf
-            and (self.sd_log > 0) == is_prior
-            and (self.factor == 1 or is_prior)
-        )
-        if not fits:
-            raise InputError(
-                "positive factors, low below high, and a factor and a deviation for a prior only",
-                f"{self}",
-                "correct the scale, or multiply what was seen by the factor",
-            )
-
-    @property
-    def free(self) -> bool:
-        return self.kind != "known"
-
-    @property
-    def middle(self) -> float:
-        """The factor to begin with."""
-        return math.sqrt(self.low * self.high) if self.kind == "unknown" else self.factor
-
-
-KNOWN, UNKNOWN = Scale(), Scale("unknown")
-ENDOSCOPIC_MM = 3.0, 30.0
-"""How far away the walls are that an endoscope looks at, in the median."""
-
-
-def any_scale(median: float) -> Scale:
-    """Of what lies so far away in a unit of its own: any factor that makes `ENDOSCOPIC_MM` of it.
-
-    Raises:
-        InputError: if the median is not above 0.
-    """
-    if not 0 < median < np.inf:
-        raise InputError("a median distance above 0", f"{median:g}", "check the depth or the points")
-    low, high = ENDOSCOPIC_MM
-    return Scale("unknown", low=low / median, high=high / median)
-
-
-@dataclass(frozen=True)
-class DepthNoise:
-    """How wrong a depth image is.
-
-    Attributes:
-        smooth: standard deviation of a relative error that varies smoothly over the picture.
-        reach_deg: how far it stays alike: the angle at which its correlation has fallen to exp(−1/2).
-        pixel_mm: standard deviation along the ray of an error of each pixel by itself, in the unit of the depth.
-        outliers: the share of pixels that tell nothing.
-    """
-
-    smooth: float = 0.05
-    reach_deg: float = 9.3
-    pixel_mm: float = 0.3
-    outliers: float = 0.02
-
-    def __post_init__(self) -> None:
-        sizes = 0 <= self.smooth < np.inf and 0 <= self.pixel_mm < np.inf and 0 < self.reach_deg < np.inf
-        if not sizes or not 0 < self.outliers < 1:
-            raise InputError(
-                "errors from 0 up, a reach above 0 and a share of outliers between 0 and 1", f"{self}", "correct them"
-            )
-
-
-@dataclass(frozen=True)
-class PointNoise:
-    """How wrong the points of a cloud are: the same in every direction, but for outliers.
-
-    Attributes:
-        sd_mm: standard deviation of a point, in the unit of the points.
-        outliers: the share of points that tell nothing.
-        normals_deg: standard deviation of its normal, where there are normals.
-    """
-
-    sd_mm: float = 0.5
-    outliers: float = 0.1
-    normals_deg: float = 15.0
-
-    def __post_init__(self) -> None:
-        if not (0 < self.sd_mm < np.inf and 0 < self.outliers < 1 and 0 < self.normals_deg < np.inf):
-            raise InputError(
-                "deviations above 0 and a share of outliers between 0 and 1", f"{self}", "correct the noise"
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,14 +91,23 @@ def from_depth(
     intrinsics: Intrinsics,
     noise: DepthNoise = DepthNoise(),
     scale: Scale = KNOWN,
+    sd: Float[np.ndarray, "..."] | None = None,
 ) -> Observation:
     """A depth image (H, W) (z-depth, 0 or NaN where it is not known), in blocks of pixels.
 
     Where the pixels of a block agree, their mean stands for them, with so much less noise; across an edge one pixel
     does.
 
+    Args:
+        depth: of each pixel.
+        intrinsics: of the camera, as large.
+        noise: of all of it.
+        scale: what is known of the unit.
+        sd: (H, W) standard deviation of each pixel's depth by itself, in the unit of the depth, in the place of
+            `noise.pixel_mm`; a pixel without one above 0 is not used.
+
     Raises:
-        InputError: if the shape is not that of the intrinsics, or too little of it can be used.
+        InputError: if a shape is not that of the intrinsics, or too little of it can be used.
     """
     depth = np.asarray(depth, dtype=np.float64)
     if depth.shape != (intrinsics.height, intrinsics.width):
@@ -217,7 +119,12 @@ def from_depth(
     rays = intrinsics.rays()
     ahead = np.where(np.isfinite(rays[..., 2]), rays[..., 2], 0.0)
     ranges = np.where((depth > 0) & np.isfinite(depth) & (ahead > 1e-3), depth / np.maximum(ahead, 1e-3), np.nan)
-    return from_ranges(ranges, np.nan_to_num(rays), noise, scale)
+    if sd is not None:
+        if np.shape(sd) != depth.shape:
+            got = " × ".join(map(str, np.shape(sd)))
+            raise InputError(f"deviations of as many pixels, {depth.shape[0]} × {depth.shape[1]}", got, "resize them")
+        sd = np.asarray(sd, dtype=np.float64) / np.maximum(ahead, 1e-3)
+    return from_ranges(ranges, np.nan_to_num(rays), noise, scale, sd)
 
 
 def from_ranges(
@@ -225,17 +132,22 @@ def from_ranges(
     rays: Float[np.ndarray, "h w 3"],
     noise: DepthNoise = DepthNoise(),
     scale: Scale = KNOWN,
+    sd: Float[np.ndarray, "h w"] | None = None,
 ) -> Observation:
-    """As `from_depth`, of distances along unit rays (NaN where not known)."""
+    """As `from_depth`, of distances along unit rays (NaN where not known), and of deviations along them."""
+    if sd is not None:
+        ranges = np.where(np.isfinite(sd) & (sd > 0), ranges, np.nan)
     size = max(-(-max(ranges.shape) // _BLOCKS), 1)
     blocks, ways = _in_blocks(ranges, size), _in_blocks(rays, size)
     known = np.isfinite(blocks).sum(axis=1)
+    own = None if sd is None else _in_blocks(np.where(np.isfinite(ranges), sd, np.nan), size)[known > 0]
     blocks, ways, known = (each[known > 0] for each in (blocks, ways, known))
     if not len(blocks):
         raise InputError("a depth image with some depth", "none above 0", "check the image and its scale")
     middle, spread = np.nanmedian(blocks, axis=1), np.nanmax(blocks, axis=1) - np.nanmin(blocks, axis=1)
+    pixel = np.full(len(blocks), noise.pixel_mm) if own is None else np.sqrt(np.nanmean(own**2, axis=1))
     # Neighbouring pixels of a slanted wall differ too: by about a tenth of the range in a block of a few degrees.
-    agree = spread <= _CONSISTENT * np.hypot(noise.pixel_mm, 0.02 * middle)
+    agree = spread <= _CONSISTENT * np.hypot(pixel, 0.02 * middle)
     nearest = np.nanargmin(np.abs(blocks - middle[:, None]), axis=1)
     row = np.arange(len(blocks))
     weight = np.isfinite(blocks)[..., None]
@@ -243,7 +155,8 @@ def from_ranges(
     mean_way /= np.maximum(np.linalg.norm(mean_way, axis=1, keepdims=True), 1e-12)
     r = np.where(agree, np.nanmean(blocks, axis=1), blocks[row, nearest])
     directions = np.where(agree[:, None], mean_way, ways[row, nearest])
-    pixel = noise.pixel_mm / np.sqrt(np.where(agree, known, 1))
+    alone = pixel if own is None else own[row, nearest]
+    pixel = np.where(agree, pixel / np.sqrt(known), alone)
     return _checked(
         Observation(
             origins=np.zeros((len(r), 3)),

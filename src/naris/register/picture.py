@@ -20,6 +20,7 @@ from jaxtyping import Float, UInt8
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import DepthEstimate, Registration
+from naris.register.astray import astray
 from naris.register.confidence import Evidence, chance_within
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation, from_estimate
@@ -31,7 +32,7 @@ from naris.render.scene import Scene
 
 FITTED = "confidence_pictures.json"
 _MOST_MARGIN, _MOST_OFF = 60.0, 3.0
-_LEAST_EXPLAINED, _HARDLY, _LEAST_ROOM_MM = 0.6, 0.02, 0.3
+_LEAST_EXPLAINED, _HARDLY = 0.6, 0.02
 _LOOSE_MM, _LOOSE_RAD = 4.0, 0.2
 """How far shading may move a pose from where depth has it: the errors of the network are larger than what it says."""
 
@@ -161,7 +162,9 @@ def register_picture(
     observation = from_estimate(estimate)
     evidence = looked_at(at, Shading(scene, frame, intrinsics), observation, belief, config)
     chance, best = probability(evidence), evidence.places[0]
-    reason = _astray(at, belief, best.shaded.pose) or evidence.refusal(chance, config.search.least_probability)
+    where = astray(at, belief, best.shaded.pose)
+    reason = f"the best pose is {where}: give depth, another view, or no region" if where else None
+    reason = reason or evidence.refusal(chance, config.search.least_probability)
     poses = [one.shaded.pose for one in evidence.places]
     return Registration(
         anatomy_T_camera=poses[0] if reason is None else None,
@@ -213,15 +216,6 @@ def probability(evidence: PictureEvidence) -> float:
     score = float(evidence.features @ np.array(file["weights"]) + file["bias"])
     chance = float(1 / (1 + np.exp(-np.clip(score, -30, 30))))
     return min(chance, _HARDLY) if evidence.depth.explained < _LEAST_EXPLAINED else chance
-
-
-def _astray(at: RegistrationMap, belief: Belief, pose: Pose) -> str | None:
-    """Why no camera can be where shading has moved it; None where it can."""
-    if float(at.distance(pose.position_mm)) < _LEAST_ROOM_MM:
-        return "the best pose is in a wall: the picture fits no place of this anatomy; give depth, or another view"
-    if float(belief.chance(pose.position_mm[None])[0]) <= 0:
-        return "the best pose is in none of the regions that were named; give depth, or no region"
-    return None
 
 
 def covariance_factor() -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -12,9 +11,10 @@ from naris.core.pose import CAMERA, Pose
 from naris.core.results import Registration
 from naris.errors import InputError
 from naris.register.confidence import Evidence, Found, covariance_factor, probability
-from naris.register.finish import by_points
+from naris.register.finish import Solver, by_points
 from naris.register.map import RegistrationMap
-from naris.register.observation import Observation, Scale
+from naris.register.noise import Scale
+from naris.register.observation import Observation
 from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, aside, coarse, different, fine, merged, promising
 from naris.register.starts import NOTHING, Belief, Starts, find_starts
 
@@ -36,7 +36,8 @@ class RegisterConfig:
         least_probability: a pose that is less likely than this to be within 2 mm and 5° is refused.
         seed: of the starts beside believed poses, and of those beside the best finalist.
         method: what the finalists are solved by: `naris` by rays and smooth error; of a known scale also `icp`, `imlp`
-            or, with normals, `imlop` (`naris.register.likely_point`). Judged they are alike.
+            or, with normals, `imlop` (`naris.register.likely_point`), and where they are installed `small_gicp`,
+            `small_gicp_planes` and `open3d` (`naris.register.libraries`). Judged they are alike.
     """
 
     starts: int = 200
@@ -44,7 +45,7 @@ class RegisterConfig:
     aside: int = 4
     least_probability: float = 0.8
     seed: int = 0
-    method: Literal["naris", "icp", "imlp", "imlop"] = "naris"
+    method: Solver = "naris"
 
     def __post_init__(self) -> None:
         if min(self.starts, self.finalists) < 1 or self.aside < 0:
@@ -76,6 +77,7 @@ def register(
         RegionError: if no believed region has room for a camera.
         InputError: if the method cannot be used on what was seen, or it lies further away than the anatomy is long; of
             ranges from `from_estimate`, for which the probability was not fitted.
+        MachineError: if the library of the method is not installed.
     """
     if observation.by_network:
         raise InputError(

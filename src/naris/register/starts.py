@@ -213,7 +213,8 @@ def _that_fit(at: RegistrationMap, observation: Observation, belief: Belief, cou
     spread(work, len(chosen))
     if observation.views > 1:
         best = _with_other_views(at, observation, fits, at.places_mm[chosen], turns)
-    order = _stratified(best, chance[chosen], count)
+    region = np.zeros(len(chosen)) if belief.regions is None else belief.regions.label(at.places_mm[chosen])
+    order = _stratified(best, chance[chosen], region, count)
     place, k = order // _FEW, order % _FEW
     poses = np.tile(np.eye(4), (len(order), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = turns[fits.turn[place, k]], at.places_mm[chosen[place]]
@@ -263,18 +264,20 @@ def _shifts(observation: Observation) -> tuple[int, int]:
     return -reach, reach
 
 
-def _stratified(best: Int[np.ndarray, "p f"], chance: Float[np.ndarray, "p"], count: int) -> Int[np.ndarray, "m"]:
-    """Half of them the best of all, for a belief may be wrong; half for each chance as many as it is worth."""
-    flat, weight = best.ravel(), np.repeat(chance, best.shape[1])
+def _stratified(
+    best: Int[np.ndarray, "p f"], chance: Float[np.ndarray, "p"], region: np.ndarray, count: int
+) -> Int[np.ndarray, "m"]:
+    """Half of them the best of all, for a belief may be wrong; half for each region as many as its chance is worth."""
+    flat, of = best.ravel(), np.repeat(region, best.shape[1])
     order = np.argsort(flat, kind="stable")
     order = order[flat[order] < _NONE]
-    levels = np.unique(chance)
-    if len(levels) == 1:
+    regions, first = np.unique(region, return_index=True)
+    if len(regions) == 1:
         return order[:count]
-    half = count // 2
-    rest = order[half:]
-    worth = {level: max(round(half * level / levels.sum()), 1) for level in levels[::-1]}
-    return np.concatenate([order[:half], *(rest[weight[rest] == level][:most] for level, most in worth.items())])
+    half, chances = count // 2, chance[first]
+    rest, total = order[half:], np.sort(chances).sum()
+    share = ((k, max(round(half * chances[k] / total), 1)) for k in np.argsort(-chances, kind="stable"))
+    return np.concatenate([order[:half], *(rest[of[rest] == regions[k]][:most] for k, most in share)])
 
 
 @lru_cache(maxsize=1)

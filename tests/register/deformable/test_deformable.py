@@ -19,17 +19,8 @@ from naris.register.deformable.register import refine, register_deformable
 from naris.register.deformable.result import Limits, refusal
 from naris.register.deformable.walls import Walls
 from naris.register.map import registration_map
-from naris.register.observation import (
-    KNOWN,
-    UNKNOWN,
-    DepthNoise,
-    Observation,
-    PointNoise,
-    Scale,
-    from_depth,
-    from_points,
-    from_sightings,
-)
+from naris.register.noise import KNOWN, UNKNOWN, DepthNoise, PointNoise, Scale
+from naris.register.observation import Observation, from_depth, from_points, from_sightings
 from naris.register.rays import memory_for, prepared
 from naris.register.register import register
 from naris.register.starts import Starts

@@ -13,7 +13,8 @@ from jaxtyping import Float, Int
 from naris.core.camera import Intrinsics
 from naris.core.pose import Pose
 from naris.errors import InputError
-from naris.register.observation import Observation, PointNoise, Scale, any_scale, from_sightings
+from naris.register.noise import PointNoise, Scale, any_scale
+from naris.register.observation import Observation, from_sightings
 
 WORLD = "world"
 """The frame of the points, wherever the program put it."""
