@@ -50,7 +50,7 @@ class Options:
     patients: IfGiven[int] = None
     """How many virtual patients, of chain; 20 when not given. With --work, more can follow later."""
     fit_steps: IfGiven[int] = None
-    """Batches that each patient's network learns from, of chain; 3000 when not given, some five minutes on two cores."""
+    """Batches that each patient's network learns from, of chain; 3000 when not given, about five minutes."""
     seed: int = 0
     """Of everything random."""
     work: Annotated[IfGiven[Path], tyro.conf.arg(metavar="DIR")] = None
