@@ -21,7 +21,7 @@ import naris
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench.fits import trials
 from naris.bench.pictures import NONE, OTHER, PICTURE_SOLVER, REGION, STRANGE, registered, shots
-from naris.bench.register import solver_digest
+from naris.bench.register import search_digest
 from naris.cli.console import console_for
 from naris.core.atomic import write_json
 from naris.core.provenance import file_digest
@@ -52,7 +52,7 @@ def main(part: int = 0, parts: int = 1) -> None:
             "schema": "naris.confidence/1",
             "naris": naris.__version__,
             "made_by": "docs/make_picture_confidence.py",
-            "solver": solver_digest(PICTURE_SOLVER),
+            "solver": search_digest(PICTURE_SOLVER),
             "depth_network": file_digest(DEPTH_WEIGHTS),
             "seed": SEED,
             "patients": PATIENTS,
@@ -82,7 +82,7 @@ def of_patient(number: int) -> list[list[object]]:
 
 def _kept(number: int) -> Path:
     """Where the rows of a patient are kept; other sources, other rows."""
-    made_by = f"{solver_digest(PICTURE_SOLVER)}-{file_digest(DEPTH_WEIGHTS)[:12]}"
+    made_by = f"{search_digest(PICTURE_SOLVER)}-{file_digest(DEPTH_WEIGHTS)[:12]}"
     return ROOT / "out" / "confidence" / made_by / f"{SEED}-{number}.json"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from naris.bench import register as room
-from naris.bench.register import SOLVER, Outcome, of_which_solver, solver_digest
+from naris.bench.register import SEARCH, Outcome, of_which_solver, solver_digest
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import Registration
 
@@ -55,7 +55,7 @@ def test_rates_are_of_those_that_were_accepted() -> None:
 
 
 def test_a_confidence_of_another_solver_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in SOLVER:
+    for name in (*SEARCH, "confidence"):
         (tmp_path / f"{name}.py").write_text(name)
     monkeypatch.setattr(room.resources, "files", lambda _: tmp_path)
     (tmp_path / room.FITTED).write_text(json.dumps({"solver": solver_digest()}))

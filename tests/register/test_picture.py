@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from naris.bench.pictures import PICTURE_SOLVER
-from naris.bench.register import solver_digest
+from naris.bench.register import search_digest
 from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, Trial, frames
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Intrinsics
@@ -112,7 +112,7 @@ def test_something_else_is_refused(prepared_nose: RegistrationMap, scene: Scene)
 
 def test_the_probability_is_that_of_the_solver_and_the_network_as_they_are() -> None:
     fitted = json.loads(resources.files("naris.register").joinpath(picture.FITTED).read_text(encoding="utf-8"))
-    assert fitted["solver"] == solver_digest(PICTURE_SOLVER), "run docs/make_picture_confidence.py"
+    assert fitted["solver"] == search_digest(PICTURE_SOLVER), "run docs/make_picture_confidence.py"
     assert fitted["depth_network"] == file_digest(DEPTH_WEIGHTS)
     assert fitted["covariance"] > 0
 

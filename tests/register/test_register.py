@@ -1,7 +1,5 @@
 """From what was seen to a pose: right where it can be, refused where it cannot, and the same for every scale."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,6 @@ from naris.bench.trials import drawn_trials, neighbours_of
 from naris.core.pose import CAMERA, Pose, distance
 from naris.core.results import Prediction
 from naris.errors import InputError, PoseError, RegionError, SurfaceError
-from naris.register.confidence import Evidence
 from naris.register.map import registration_map
 from naris.register.noise import DepthNoise, Scale
 from naris.register.observation import from_ranges, together
@@ -136,33 +133,6 @@ def test_orientations_that_cannot_be_are_refused():
     for wrong in ({"tilt_deg": 0.0}, {"roll_deg": 190.0}, {"apart_deg": 1.0}):
         with pytest.raises(InputError, match="tilt and a roll"):
             Orientation(**wrong)
-
-
-def test_reasons_name_what_is_wrong():
-    good = Evidence(
-        margin=40.0,
-        rough_margin=20.0,
-        sd_mm=0.2,
-        sd_deg=0.5,
-        within=0.99,
-        explained=0.99,
-        misfit=1.0,
-        spread=1.0,
-        kinship=0.0,
-        excess=0.0,
-        agreement=0.5,
-        scatter=0.1,
-        astray=0.1,
-        dents=0.5,
-        surprise=0.0,
-        cloud=False,
-        free=False,
-        clearance_mm=2.0,
-    )
-    assert good.refusal(0.95, 0.8) is None
-    assert "another patient" in (replace(good, explained=0.3).refusal(0.9, 0.8) or "")
-    assert "several poses" in (replace(good, margin=1.0).refusal(0.4, 0.8) or "")
-    assert "loose" in (replace(good, sd_mm=2.5, sd_deg=9.0).refusal(0.4, 0.8) or "")
 
 
 def test_a_scale_that_ends_at_its_limit_is_no_answer(prepared_nose, trials):

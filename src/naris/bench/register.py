@@ -56,13 +56,13 @@ GOALS = {
 }
 CPU_GOALS_S = {"region": 0.3, "none": 1.0, "pose": 0.02}
 _OTHERS = 2_000_000  # seeds of the patients here, apart from those that the confidence is fitted on
-SOLVER = (
+SEARCH = (
     "cloud",
     "cloud_equations",
     "compare",
-    "confidence",
     "directions",
     "equations",
+    "evidence",
     "predictive",
     "rays",
     "register",
@@ -71,6 +71,7 @@ SOLVER = (
     "starts",
     "steps",
 )
+"""Sources in `naris.register` that decide where a registration ends and what speaks for it."""
 _STRANGE: tuple[Noise, ...] = ("b", "c", "d", FREE_POINTS)
 _ONE_VIEW: tuple[Start, ...] = ("region", "none")
 _REPEATS = 200
@@ -319,11 +320,16 @@ def _warm_up(setting: Setting) -> None:
         register(at, setting.trials[0].observation(noise))
 
 
-def solver_digest(more: tuple[str, ...] = ()) -> str:
-    """Of the sources that decide where a registration ends and what speaks for it, and of some more modules."""
-    modules = [module.rpartition(".") for module in (*(f"naris.register.{name}" for name in SOLVER), *more)]
+def search_digest(more: tuple[str, ...] = ()) -> str:
+    """Of the sources in `SEARCH`, and of some more modules."""
+    modules = [module.rpartition(".") for module in (*(f"naris.register.{name}" for name in SEARCH), *more)]
     content = b"".join(resources.files(room).joinpath(f"{name}.py").read_bytes() for room, _, name in modules)
     return hashlib.sha256(content).hexdigest()[:12]
+
+
+def solver_digest() -> str:
+    """Of those and of what is made of that for the probability."""
+    return search_digest(("naris.register.confidence",))
 
 
 def of_which_solver() -> str:

@@ -43,7 +43,8 @@ _ROOM_MM, _TILT_DEG, _ROLL_DEG = 1.0, 90.0, 30.0
 _LEAST_DEPTH_MM = 3.0  # that of the frozen trials: of a nearer wall one sees nothing but wall
 _SMOOTH, _SMOOTH_PX, _PIXEL_MM = 0.05, 5.25, 0.3
 _SCALES = (0.5, 2.0)
-_POINTS, _POINT_MM, _OUTLIERS = (300, 600), 0.5, 0.1
+POINT_MM = 0.5
+_POINTS, _OUTLIERS = (300, 600), 0.1
 _LEAST_RANGE_MM = 0.2
 _TRIES = 100
 
@@ -69,9 +70,9 @@ class Trial:
     def observation(self, noise: Noise) -> Observation:
         """What the registration is given; the noise is stated, the scale of c and e is not."""
         if noise == "d":
-            return from_points(self.points, PointNoise(_POINT_MM, _OUTLIERS))
+            return from_points(self.points, PointNoise(POINT_MM, _OUTLIERS))
         if noise == FREE_POINTS:
-            return from_points(self.scale * self.points, PointNoise(self.scale * _POINT_MM, _OUTLIERS), UNKNOWN)
+            return from_points(self.scale * self.points, PointNoise(self.scale * POINT_MM, _OUTLIERS), UNKNOWN)
         if noise == "a":
             return from_ranges(self.ranges["a"], self.rays, DepthNoise(smooth=0.0, pixel_mm=0.05))
         pixel = _PIXEL_MM * (self.scale if noise == "c" else 1.0)
@@ -201,4 +202,4 @@ def _points(
     ranges, ways = clean.ravel()[chosen], rays.reshape(-1, 3)[chosen]
     off = rng.random(len(chosen)) < _OUTLIERS
     ranges = np.where(off, ranges * rng.uniform(0.3, 3.0, len(chosen)), ranges)
-    return np.asarray(ways * ranges[:, None] + _POINT_MM * rng.standard_normal((len(chosen), 3)))
+    return np.asarray(ways * ranges[:, None] + POINT_MM * rng.standard_normal((len(chosen), 3)))

@@ -1,201 +1,99 @@
-"""How far a registration can be believed: evidence from its own solutions, and a probability learnt on trials.
+"""How far a registration can be believed: a probability learnt on trials, and a refusal.
 
-The probability is a logistic regression on what `Evidence.features` gives, fitted on simulated trials in virtual
+The probability is a logistic regression on what `features` makes of the evidence, fitted on simulated trials in virtual
 patients (`naris.bench.trials`), never on those that a benchmark reports.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
-from naris.register.equations import cast
-from naris.register.map import RegistrationMap
+from naris.register.evidence import MOST_MARGIN, Evidence
 from naris.register.observation import Observation
-from naris.register.predictive import surprise
-from naris.register.rays import memory_for, prepared, ranges_met
-from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, alike, apart
 
 FITTED = "confidence.json"
-_MOST_MARGIN, _MOST_ROUGH = 60.0, 30.0
-_EXPLAINED_SD, _TRUNCATED = 3.0, 0.9866  # the latter: of a normal error within the former, its deviation
-_NEIGHBOURS = (1, 2)
+_MOST_ROUGH = 30.0
 _LEAST_EXPLAINED = 0.6
-_SAME_MM, _SAME_RAD = 1.0, 0.09
-_LEAST_COSINE = 0.05
 _LOOSE_MM, _LOOSE_DEG = 1.5, 4.0
-_WITHIN_MM, _WITHIN_RAD = 2.0, np.deg2rad(5.0)
-_FARTHEST, _DEAR = 4.0, 20.0
-_MOST_MISFIT, _MOST_SPREAD = 2.7, 1.5  # in the trials; a line goes on for ever
+_MISFITS, _SPREADS = (0.3, 2.7), (0.6, 1.5)  # in the trials; a line goes on for ever
+_LEAST_WAVES = 0.1
 _HARDLY = 0.02  # of 128 trials that explained less than `_LEAST_EXPLAINED` none was right
-_SEED = 0  # of what is drawn: the same evidence for the same answer
-_DRAWS = 512
 
 
-class Found(NamedTuple):
-    """What a registration came to: the coarse `rough`, the fine `solutions`, and which of these began `again`.
+def features(evidence: Evidence) -> Float[np.ndarray, "f"]:
+    """For the regression, each of the order of 1."""
+    margin = min(evidence.margin, MOST_MARGIN)
+    log_margin = np.log1p(max(margin, 0.0))
+    explained, excess = 10 * (evidence.explained - 0.95), np.clip(evidence.excess, -0.5, 3.0)
+    cloud, several, through = float(evidence.cloud), float(evidence.views > 1), 10 * evidence.through
+    return np.array(
+        [
+            log_margin,
+            margin / MOST_MARGIN,
+            np.clip(evidence.rough_margin, -_MOST_ROUGH, 2 * _MOST_ROUGH) / _MOST_ROUGH,
+            np.log(evidence.sd_mm + 0.01),
+            np.log(evidence.sd_deg + 0.1),
+            np.log(evidence.within / (1 - evidence.within)),
+            explained,
+            np.log(np.clip(evidence.misfit, *_MISFITS)),
+            excess,
+            evidence.agreement,
+            np.log(evidence.astray + 0.05),
+            np.log(evidence.scatter + 0.05),
+            np.log1p(evidence.dents),
+            float(evidence.free),
+            min(evidence.clearance_mm, 4.0),
+            # Beside a cloud, likelihoods are those of another model, and ranges from few points.
+            cloud,
+            cloud * log_margin,
+            cloud * 10 * np.log(np.clip(evidence.spread, *_SPREADS)),
+            cloud * 10 * evidence.kinship,
+            np.clip(evidence.surprise, -10.0, 0.0) / 10,
+            np.log1p(max(evidence.surprise, 0.0)),
+            cloud * explained,
+            cloud * excess,
+            cloud * np.log(evidence.waves + _LEAST_WAVES),
+            cloud * np.log(evidence.ripples + _LEAST_WAVES),
+            through,
+            cloud * through,
+            # Several views leave no rival and little loose; what they cost is told by more rays.
+            several,
+            several * log_margin,
+            several * explained,
+            several * excess,
+        ]
+    )
 
-    The latter began beside the best finalist; None where that was not asked for.
-    """
 
-    rough: Solutions
-    solutions: Solutions
-    again: Solutions | None
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What speaks for and against the best pose.
-
-    Attributes:
-        margin: in −2 log likelihood, to the best pose of another basin among those that were solved finely.
-        rough_margin: the same among all that went through both coarse stages, where the rivals are more and the noise
-            is cruder; negative where the best pose was not the best then, and 0 where no start came near it.
-        sd_mm, sd_deg: the largest standard deviations of position and rotation, if the basin is right, by the
-            equations alone.
-        within: the chance of 2 mm and 5° by the covariance alone.
-        explained: the share of rays within 3 standard deviations of the wall, the smooth error counted as noise.
-        misfit: the median of their absolute residuals over what it should be; 1 where the noise is as said.
-        spread: the same of the root of their mean square.
-        kinship: the correlation of the residuals of neighbours, 0 where each ray is off by itself: walls that are not
-            the patient's are off together.
-        excess: how much more the pose costs a ray, with the smooth error estimated, than noise as said would.
-        agreement: the share of what was begun beside the best finalist that ended at the best pose.
-        scatter: how far they ended from it, in what is asked (2 mm or 5°).
-        astray: the same, those that are dearer counting less.
-        dents: how much dearer they ended, in −2 log likelihood: costs are rough where walls are another patient's.
-        surprise: how much dearer points are than points drawn at the best pose; 0 for depth.
-        cloud: whether points were seen, which are off in every direction.
-        free: whether the scale was free.
-        clearance_mm: of the camera.
-    """
-
-    margin: float
-    rough_margin: float
-    sd_mm: float
-    sd_deg: float
-    within: float
-    explained: float
-    misfit: float
-    spread: float
-    kinship: float
-    excess: float
-    agreement: float
-    scatter: float
-    astray: float
-    dents: float
-    surprise: float
-    cloud: bool
-    free: bool
-    clearance_mm: float
-
-    @staticmethod
-    def of(
-        at: RegistrationMap,
-        observation: Observation,
-        found: Found,
-        basins: Int[np.ndarray, "m"],
-        covariance: Float[np.ndarray, "6 6"],
-    ) -> Evidence:
-        """The evidence for the first of the basins.
-
-        Args:
-            at, observation: what was registered.
-            found: the solutions, the best first.
-            basins: those of them that are no better one's neighbours.
-            covariance: of the best.
-        """
-        solutions = found.solutions
-        above = (solutions.costs[basins] - solutions.costs[0]) * solutions.rays
-        pose, scale = solutions.poses[0], float(np.exp(solutions.log_scales[0]))
-        fit = _fit(at, observation, pose, scale)
-        around = _around(found.again, pose, float(solutions.costs[0]))
-        rng = np.random.default_rng(_SEED)
-        return Evidence(
-            margin=float(above[1]) if len(above) > 1 else float("inf"),
-            rough_margin=_rough_margin(found.rough, pose),
-            sd_mm=_largest(covariance[:3, :3]),
-            sd_deg=float(np.rad2deg(_largest(covariance[3:, 3:]))),
-            within=chance_within(covariance),
-            explained=fit.explained,
-            misfit=fit.misfit,
-            spread=fit.spread,
-            kinship=fit.kinship,
-            excess=float(solutions.costs[0]) - fit.expected,
-            agreement=around.agreement,
-            scatter=around.scatter,
-            astray=around.astray,
-            dents=around.dents,
-            surprise=surprise(at, observation, solutions, rng) if observation.is_cloud else 0.0,
-            cloud=observation.is_cloud,
-            free=observation.scale.free,
-            clearance_mm=float(at.distance(pose[:3, 3])),
+def refusal(evidence: Evidence, chance: float, least: float) -> str | None:
+    """Why the pose should not be used, the heaviest reason first; None where it may be."""
+    if evidence.explained < _LEAST_EXPLAINED:
+        return (
+            f"no pose explains what was seen: {evidence.explained:.0%} of the rays fit the best one; "
+            "another patient, another scale or other noise than was said"
         )
-
-    @property
-    def features(self) -> Float[np.ndarray, "f"]:
-        """For the regression, each of the order of 1."""
-        margin = min(self.margin, _MOST_MARGIN)
-        log_margin = np.log1p(max(margin, 0.0))
-        explained, excess = 10 * (self.explained - 0.95), np.clip(self.excess, -0.5, 3.0)
-        return np.array(
-            [
-                log_margin,
-                margin / _MOST_MARGIN,
-                np.clip(self.rough_margin, -_MOST_ROUGH, 2 * _MOST_ROUGH) / _MOST_ROUGH,
-                np.log(self.sd_mm + 0.01),
-                np.log(self.sd_deg + 0.1),
-                np.log(self.within / (1 - self.within)),
-                explained,
-                np.log(np.clip(self.misfit, 1e-3, _MOST_MISFIT)),
-                excess,
-                self.agreement,
-                np.log(self.astray + 0.05),
-                np.log(self.scatter + 0.05),
-                np.log1p(self.dents),
-                float(self.free),
-                min(self.clearance_mm, 4.0),
-                # Beside a cloud, likelihoods are those of another model, and ranges from few points.
-                float(self.cloud),
-                float(self.cloud) * log_margin,
-                float(self.cloud) * 10 * np.log(np.clip(self.spread, 1e-3, _MOST_SPREAD)),
-                float(self.cloud) * 10 * self.kinship,
-                np.clip(self.surprise, -10.0, 0.0) / 10,
-                np.log1p(max(self.surprise, 0.0)),
-                float(self.cloud) * explained,
-                float(self.cloud) * excess,
-            ]
+    if chance >= least:
+        return None
+    if evidence.margin < 6.0:
+        return f"several poses fit alike (probability {chance:.2f}): give another view, or more of them"
+    if evidence.sd_mm > _LOOSE_MM or evidence.sd_deg > _LOOSE_DEG:
+        return (
+            f"the view leaves the pose loose, see its deviations (probability {chance:.2f}): "
+            "give a view with more shape"
         )
-
-    def refusal(self, chance: float, least: float) -> str | None:
-        """Why the pose should not be used, the heaviest reason first; None where it may be."""
-        if self.explained < _LEAST_EXPLAINED:
-            return (
-                f"no pose explains what was seen: {self.explained:.0%} of the rays fit the best one; "
-                "another patient, another scale or other noise than was said"
-            )
-        if chance >= least:
-            return None
-        if self.margin < 6.0:
-            return f"several poses fit alike (probability {chance:.2f}): give another view, or more of them"
-        if self.sd_mm > _LOOSE_MM or self.sd_deg > _LOOSE_DEG:
-            return (
-                f"the view leaves the pose loose, see its deviations (probability {chance:.2f}): "
-                "give a view with more shape"
-            )
-        return f"the pose is not sure enough: probability {chance:.2f} where {least:.2f} is asked"
+    return f"the pose is not sure enough: probability {chance:.2f} where {least:.2f} is asked"
 
 
 def probability(evidence: Evidence) -> float:
     """Of being within 2 mm and 5° of the truth, in an anatomy and with noise as in the simulated trials."""
     weights, bias = _fitted()
-    chance = float(1 / (1 + np.exp(-np.clip(evidence.features @ weights + bias, -30, 30))))
+    chance = float(1 / (1 + np.exp(-np.clip(features(evidence) @ weights + bias, -30, 30))))
     return min(chance, _HARDLY) if evidence.explained < _LEAST_EXPLAINED else chance
 
 
@@ -210,54 +108,6 @@ def covariance_factor(observation: Observation) -> float:
     return float(factors["depth" if observation.views == 1 else "several"])
 
 
-def chance_within(covariance: Float[np.ndarray, "6 6"]) -> float:
-    """Of 2 mm and 5° where twists (mm, rad) are normal with that covariance; never quite 0 or 1."""
-    variance, axes = np.linalg.eigh((covariance + covariance.T) / 2)
-    twists = np.random.default_rng(0).standard_normal((_DRAWS, 6)) * np.sqrt(np.maximum(variance, 0.0)) @ axes.T
-    is_within = (np.linalg.norm(twists[:, :3], axis=1) <= _WITHIN_MM) & (
-        np.linalg.norm(twists[:, 3:], axis=1) <= _WITHIN_RAD
-    )
-    return float((is_within.sum() + 0.5) / (_DRAWS + 1))
-
-
-class _Around(NamedTuple):
-    """See `Evidence`."""
-
-    agreement: float
-    scatter: float
-    astray: float
-    dents: float
-
-
-_NOT_TRIED = _Around(0.9, 0.2, 0.06, 3.0)
-"""What it is in the middle of the trials: speaks neither for nor against."""
-
-
-def _around(again: Solutions | None, pose: Float[np.ndarray, "4 4"], cost: float) -> _Around:
-    """Of those that began beside the best; the roots of the mean square of how far they ended from it."""
-    if again is None:
-        return _NOT_TRIED
-    off_mm, off_rad = apart(again.poses, pose)
-    off = np.maximum(off_mm / _WITHIN_MM, off_rad / _WITHIN_RAD)
-    dearer = (again.costs - cost) * again.rays
-    square = np.square(np.minimum(off, _FARTHEST))
-    return _Around(
-        float(alike(again.poses, pose, _SAME_MM, _SAME_RAD).mean()),
-        float(np.sqrt(square.mean())),
-        float(np.sqrt((square * np.exp(-dearer / _DEAR)).mean())),
-        float(max(np.median(dearer), 0.0)),
-    )
-
-
-def _rough_margin(rough: Solutions, pose: Float[np.ndarray, "4 4"]) -> float:
-    here = alike(rough.poses, pose, BASIN_MM, BASIN_RAD)
-    if not here.any():
-        return 0.0
-    if here.all():
-        return _MOST_MARGIN
-    return float(rough.costs[~here].min() - rough.costs[here].min()) * rough.rays
-
-
 def _fitted() -> tuple[Float[np.ndarray, "f"], float]:
     return np.array(_file()["weights"]), float(_file()["bias"])
 
@@ -265,47 +115,3 @@ def _fitted() -> tuple[Float[np.ndarray, "f"], float]:
 @lru_cache(maxsize=1)
 def _file() -> dict[str, Any]:
     return dict(json.loads(resources.files("naris.register").joinpath(FITTED).read_text(encoding="utf-8")))
-
-
-class _Fit(NamedTuple):
-    """See `Evidence`; `expected` is what a ray would cost if all were as said."""
-
-    explained: float
-    misfit: float
-    spread: float
-    kinship: float
-    expected: float
-
-
-def _fit(at: RegistrationMap, observation: Observation, pose: Float[np.ndarray, "4 4"], scale: float) -> _Fit:
-    """How well a pose explains the rays, each by itself."""
-    rays = prepared(at, observation, fine=False).rays
-    memory = memory_for(rays)
-    cast(at.embree, rays, pose, scale, memory)
-    real = rays.valid != 0
-    wall = ranges_met(rays, memory)
-    met = np.isfinite(wall)
-    # A ray that leaves the anatomy is explained by no wall.
-    cosine = np.where(met, np.maximum(-(memory.normal * memory.ray).sum(axis=0)[real], _LEAST_COSINE), 1.0)
-    even = rays.isotropic[real] / cosine
-    off = np.where(met, (rays.range[real] * scale - wall) / (scale * np.hypot(rays.radial[real], even)), np.inf)
-    fits = np.abs(off) < _EXPLAINED_SD
-    along = np.hypot(observation.radial, even)  # rays keep the order of the observation
-    expected = 1 + np.log(2 * np.pi) + 2 * float(np.log(along).mean())
-    if not fits.any():
-        return _Fit(0.0, np.inf, np.inf, 0.0, expected)
-    misfit = float(np.median(np.abs(off[fits]))) / 0.6745
-    square = float(np.square(off[fits]).mean())
-    # Neighbours along the Morton curve, of one view.
-    both = [(off[k:] * off[:-k])[fits[k:] & fits[:-k] & _same_view(observation, k)] for k in _NEIGHBOURS]
-    product = np.concatenate(both)
-    kinship = float(product.mean() / square) if len(product) and square > 0 else 0.0
-    return _Fit(float(fits.mean()), misfit, np.sqrt(square) / _TRUNCATED, kinship, expected)
-
-
-def _same_view(observation: Observation, apart: int) -> Bool[np.ndarray, "m"]:
-    return np.asarray(observation.view[apart:] == observation.view[:-apart])
-
-
-def _largest(block: Float[np.ndarray, "3 3"]) -> float:
-    return float(np.sqrt(max(np.linalg.eigvalsh(block)[-1], 0.0)))

@@ -21,7 +21,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import DepthEstimate, Registration
 from naris.register.astray import astray
-from naris.register.confidence import Evidence, chance_within
+from naris.register.evidence import Evidence, chance_within
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation, from_estimate
 from naris.register.register import RegisterConfig, covariance_of, search

@@ -10,7 +10,8 @@ from jaxtyping import Float
 from naris.core.pose import CAMERA, Pose
 from naris.core.results import Registration
 from naris.errors import InputError
-from naris.register.confidence import Evidence, Found, covariance_factor, probability
+from naris.register.confidence import covariance_factor, probability, refusal
+from naris.register.evidence import Evidence, Found
 from naris.register.finish import Solver, by_points
 from naris.register.map import RegistrationMap
 from naris.register.noise import Scale
@@ -141,7 +142,7 @@ def _chosen(at: RegistrationMap, observation: Observation, found: Found, config:
     evidence = Evidence.of(at, observation, found, basins, covariance)
     chance = probability(evidence)
     reason = _at_limit(observation.scale, float(solutions.log_scales[0]))
-    reason = evidence.refusal(chance, config.least_probability) if reason is None else reason
+    reason = refusal(evidence, chance, config.least_probability) if reason is None else reason
     return Registration(
         anatomy_T_camera=poses[0] if reason is None else None,
         best=poses[0],
