@@ -39,7 +39,7 @@ def test_lenses_are_those_that_the_network_knows_and_show_all_of_their_picture()
 
 def test_without_the_shot_its_figures_have_no_value(tmp_path: Path) -> None:
     told = shot.figures(BenchRequest(True, scans=tmp_path, only="shot"))
-    assert [one.value for one in told] == [None] * 4
+    assert [one.value for one in told] == [None] * 7
 
 
 def seen(ranges: np.ndarray) -> tuple[DepthEstimate, np.ndarray]:

@@ -1,7 +1,8 @@
-"""The depth network on a real shot, and pictures of it alone in noses that are another person's.
+"""The depth network on a real shot, and pictures and points of it in noses that are another person's.
 
 The reconstruction of `sinus-sfm` says how far away some points of each frame are, in a unit of its own; nobody knows
-the truth. The person's CT is not known either, so every frame that is registered to another nose is registered wrongly.
+the truth. The person's CT is not known either, so every frame that is registered to another nose is registered wrongly,
+by its picture or by the points of the reconstruction.
 """
 
 from __future__ import annotations
@@ -18,38 +19,55 @@ from naris.bench.trials import MEAN
 from naris.core.pictures import read_picture
 from naris.core.results import DepthEstimate
 from naris.locate.depth import open_depth
-from naris.register.map import registration_map
+from naris.register.map import RegistrationMap, registration_map
+from naris.register.noise import PointNoise
 from naris.register.picture import register_picture
+from naris.register.register import register
 from naris.register.sfm.read import read_reconstruction
+from naris.register.sfm.reconstruction import Reconstruction, View, observed, unknown_scale
 from naris.render.scene import Scene
 
+PICTURES, POINTS = "register.picture.shot.refused", "register.sinus_sfm.frames"
 _BESIDE_DEG = 2.5  # a point belongs to a ray of the network that is no further away
 _FEWEST = 20
+_OF_POINTS = {"usual": (0.03, False), "larger_noise": (0.05, False), "alone": (0.03, True)}
+"""By name: how wrong points are said to be, over their median distance, and whether the frame's own alone are taken."""
 
 
 def figures(request: BenchRequest) -> list[Figure]:
     """Without values where the shot is not given."""
     folder = None if request.scans is None else request.scans / SHOT
     if folder is None or not all((folder / name).is_file() for name in SHOT_FILES):
-        return [*_of_depth(np.zeros((0, 3))), Figure("register.picture.shot.refused", None, "1", 0, "higher")]
+        return [*_of_depth(np.zeros((0, 3))), _of_refused(PICTURES, []), *_of_points({})]
     made = read_reconstruction(folder)
     frames = sorted(folder.glob("[0-9]*.jpg"))[:: 12 if request.quick else 1]
     noses = [built_in_nose()]
     if request.scans is not None and (request.scans / MEAN).is_file() and not request.quick:
         noses.append(read_surface(request.scans / MEAN))
     likeness, refused = [], []
+    points: dict[str, list[bool]] = {name: [] for name in _OF_POINTS}
     with request.progress.task("a real shot", len(noses) * len(frames)) as advance:
         for number, nose in enumerate(noses):
             at, scene = registration_map(nose), Scene(nose)
             for file in frames:
                 view, image = made.view(str(int(file.stem))), read_picture(file)
+                for name, (noise, alone) in _OF_POINTS.items():
+                    points[name].append(_refused(at, made, view, noise, alone))
                 camera = view.intrinsics.resized(image.shape[1], image.shape[0])
                 estimate = open_depth().estimate(image, camera)
                 if not number:
                     likeness.append(alike(estimate, made.seen_by(view)))
                 refused.append(register_picture(at, scene, (image, camera, estimate)).status == "refused")
                 advance(1)
-    return [*_of_depth(np.array(likeness)), _of_refused(refused)]
+    return [*_of_depth(np.array(likeness)), _of_refused(PICTURES, refused), *_of_points(points)]
+
+
+def _refused(at: RegistrationMap, made: Reconstruction, view: View, noise: float, alone: bool) -> bool:
+    """Whether the points of the reconstruction, in the camera of a view, are registered nowhere."""
+    seen = made.seen_by(view)
+    away = float(np.median(np.linalg.norm(seen, axis=1)))
+    observation = observed(made, view, PointNoise(noise * away), unknown_scale(seen), alone=alone)
+    return register(at, observation).status == "refused"
 
 
 def alike(estimate: DepthEstimate, points: Float[np.ndarray, "n 3"]) -> tuple[float, float, float]:
@@ -82,8 +100,11 @@ def _of_depth(rows: Float[np.ndarray, "n 3"]) -> list[Figure]:
     ]
 
 
-def _of_refused(refused: list[bool]) -> Figure:
+def _of_points(refused: dict[str, list[bool]]) -> list[Figure]:
+    return [_of_refused(f"{POINTS}.{name}.refused", refused.get(name, [])) for name in _OF_POINTS]
+
+
+def _of_refused(name: str, refused: list[bool]) -> Figure:
     n = len(refused)
-    return Figure(
-        "register.picture.shot.refused", float(np.mean(refused)), "1", n, "higher", None, wilson(sum(refused), n)
-    )
+    share = float(np.mean(refused)) if n else None
+    return Figure(name, share, "1", n, "higher", None, wilson(sum(refused), n) if n else None)

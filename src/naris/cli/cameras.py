@@ -16,7 +16,10 @@ def read_intrinsics(path: Path) -> Intrinsics:
     Raises:
         InputError: if there is none.
     """
-    todo = "give a JSON file with width, height, fx, fy, cx, cy and lens, or the dataset.json of a data set"
+    todo = (
+        'give a JSON file such as {"width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5, '
+        '"lens": {"kind": "pinhole"}}, or the dataset.json of a data set'
+    )
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
