@@ -36,7 +36,7 @@ from naris.core.anatomy import Anatomy
 from naris.core.atomic import write_json
 from naris.core.pose import distance
 from naris.evaluate.logistic import fit_logistic
-from naris.evaluate.score import normalised_square, reliability
+from naris.evaluate.score import auroc, normalised_square, reliability
 from naris.register import confidence
 from naris.register import register as registration
 from naris.register.evidence import Evidence
@@ -103,7 +103,6 @@ def main(part: int = 0, parts: int = 1) -> None:
     of, kind, evidence, right, normalised = columns
     x = np.array([confidence.features(Evidence(**one)) for one in evidence])
     y, w = right.astype(float), np.array([WEIGHTS[one] for one in kind])
-    _tell_left_out(of, kind, x, y, w)
     weights, bias = _fit(kind, x, y, w)
     write_json(
         OUT,
@@ -121,6 +120,7 @@ def main(part: int = 0, parts: int = 1) -> None:
             "weights": weights.tolist(),
             "bias": bias,
             "covariance": _of_covariance(kind, right, normalised),
+            "left_out": _of_left_out(of, kind, x, y, w),
         },
     )
 
@@ -218,32 +218,38 @@ def _fit(kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple
     return scale[0] * weights, scale[0] * bias + shift
 
 
-def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> None:
-    """What the benchmark would say of patients that were not fitted on, six groups in turn."""
+def _of_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> dict[str, object]:
+    """What the benchmark would say of patients left out of the fit, six groups in turn; features were chosen by it."""
     said = np.zeros(len(y))
     for group in range(_GROUPS):
         left_out = of % _GROUPS == group
         weights, bias = _fit(kind[~left_out], x[~left_out], y[~left_out], w[~left_out])
         said[left_out] = 1 / (1 + np.exp(-(x[left_out] @ weights + bias)))
     final = np.isin(kind, ["none b", "none c", "none d"])
-    others = sorted({one for one in kind.tolist() if one.startswith("other")})
-    p, right = said[final], y[final]
+    p, right = said[final], y[final] > 0
     first = np.argsort(-p, kind="stable")[: round(0.8 * len(p))]
-    above = p[right > 0][:, None] - p[right < 1][None]
-    loss = float(np.average(-np.log(np.where(y > 0, said, 1 - said) + 1e-9), weights=w))
-    print(
-        f"left out: right {right.mean():.3f}, AUROC {(above > 0).mean():.4f}, false accepts at 80 % "
-        f"{1 - right[first].mean():.4f}, ECE {reliability(p, right > 0).ece:.4f}, accepted {(p >= 0.8).mean():.3f}, "
-        f"of all, as they weigh: Brier score {np.average(np.square(said - y), weights=w):.5f}, log loss {loss:.4f}, "
-        f"other patients refused {', '.join(f'{one[6:]} {(said[kind == one] < 0.8).mean():.3f}' for one in others)}",
-        file=sys.stderr,
-    )
-    for noise in ("none b", "none c", "none d", f"none {FREE_POINTS}", "views b", "pose b", "better d"):
-        some = kind == noise
-        accepted = some & (said >= 0.8)
-        share, wrong = accepted.sum() / some.sum(), 1 - y[accepted].mean() if accepted.any() else 0.0
-        told = f"  {noise}: right {y[some].mean():.3f}, accepted {share:.3f}, of these wrong {wrong:.4f}"
-        print(told, file=sys.stderr)
+    return {
+        "auroc": auroc(p, right),
+        "false_accept_at_80": float(1 - right[first].mean()),
+        "ece": reliability(p, right).ece,
+        "brier": float(np.average(np.square(said - y), weights=w)),
+        "log_loss": float(np.average(-np.log(np.where(y > 0, said, 1 - said) + 1e-9), weights=w)),
+        "least_probability": {
+            str(least): _of_least(said >= least, final, kind, y) for least in (0.6, 0.7, 0.75, 0.8, 0.9)
+        },
+    }
+
+
+def _of_least(accepted: np.ndarray, final: np.ndarray, kind: np.ndarray, y: np.ndarray) -> dict[str, object]:
+    """How often a pose is wrong where accepted, right and accepted, and refused where it is another patient's."""
+    kinds = sorted(set(kind.tolist()))
+    return {
+        "wrong_of_accepted": float(1 - y[final & accepted].mean()),
+        "right_and_accepted": {
+            one: float((y * accepted)[kind == one].mean()) for one in kinds if not one.startswith("other")
+        },
+        "refused": {one: float(1 - accepted[kind == one].mean()) for one in kinds if one.startswith("other")},
+    }
 
 
 def _of_covariance(kind: np.ndarray, right: np.ndarray, normalised: np.ndarray) -> dict[str, float]:
