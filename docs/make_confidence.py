@@ -9,9 +9,9 @@ make a probability of it needs seconds. Digests of that are in the file, for who
 Virtual patients with views drawn as those of `naris bench register`, but of other seeds: from nothing, every second one
 from the true region, with noise a to e; every second one to another patient, which are all wrong; every fifth with
 noise that is said to be less or more than it is; two of five far better than said, in this patient and in another; with
-two views beside every third one (b) and every fifth one (c, d), in both; and from a pose near to the truth. A logistic
-regression with a small ridge, in two steps (`_fit`); and covariances by the equations are held against the errors of
-right poses.
+two views beside every third one (b) and every fifth one (c, d), in both; from a pose near to the truth; and two of five
+with few of the points. A logistic regression with a small ridge, in two steps (`_fit`); and covariances by the
+equations are held against the errors of right poses.
 """
 
 from __future__ import annotations
@@ -49,20 +49,27 @@ ROOT = Path(__file__).parents[1]
 OUT = ROOT / "src" / "naris" / "register" / confidence.FITTED
 ALL = (*NOISES, FREE_POINTS)
 SEED, PATIENTS, VIEWS, RIDGE, _LEAST_RIDGE = 3_000_000, 36, 10, 1e-3, 1e-6
-_OF_STARTS = {"none": 1.0, "region": 1.0, "views": 1.0, "mistold": 1 / 3, "better": 1 / 3, "pose": 1 / 3}
-_OF_OTHERS = {"other": 1 / 3, "other views": 1 / 3, "other better": 1 / 3, "other pose": 1 / 6}
+_OF_STARTS = {"none": 1.0, "region": 1.0, "views": 1.0, "mistold": 1 / 3, "better": 1 / 3, "pose": 1 / 3, "few": 1 / 3}
+_OF_OTHERS = {"other": 1 / 3, "other views": 1 / 3, "other better": 1 / 3, "other pose": 1 / 6, "other few": 1 / 3}
 WEIGHTS = {
     f"{start} {noise}": weight for start, weight in (*_OF_STARTS.items(), *_OF_OTHERS.items()) for noise in ALL
 } | {"other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
 """Other patients are rarer in use than here; of clouds they are the hardest to tell, and count twice for it. From a
-pose the same is seen as from nothing, and is as often right."""
-_OTHERS = 2 / 3
-"""What they count where it is learnt what speaks for a pose. How sure that makes is then told with the weights above.
-Of what was tried between 1/3 and 4/3 the answers for patients left out had the least Brier score and log loss with
-this. With more, more others are refused who are seen as clouds, and right is told from wrong less well."""
+pose the same is seen as from nothing, once more."""
+_OTHERS, _MOST_OF_OTHERS = 2.0, 2 / 3
+"""How much more they count, and at most, where it is learnt what speaks for a pose. How sure that makes is told with
+the weights above. Of what was tried the answers for patients left out had the least log loss with this. With more, more
+others are refused who are seen as clouds, and right is told from wrong less well."""
 _GROUPS = 6
-_OF_COVARIANCE = {"depth": ("none b", "none c"), "several": ("views b",), "points": ("none d", f"none {FREE_POINTS}")}
-_ENDLESS = 1e9  # JSON has no word for it; what is more than 60 counts as 60
+_TRIALS = ("naris.bench.trials", "naris.bench.problems", "naris.register.noise", "naris.register.observation")
+_OF_COVARIANCE = {
+    "depth": ("none b", "none c"),
+    "several": ("views b", "views c"),
+    "points": ("none d", f"none {FREE_POINTS}"),
+    "points_several": ("views d",),
+}
+_ENDLESS = 1e9  # JSON has no word for it; for features it is the same
+_FEW_POINTS = (30, 250)
 MISTOLD = (0.6, 1.7)
 """What the deviations of the noise are multiplied with where they are told wrong."""
 
@@ -150,6 +157,7 @@ def of_patient(number: int) -> Iterator[Row]:
                 yield one(f"mistold {noise}", at, told, NOTHING, trial, RegisterConfig(seed=view))
     yield from _better_and_several(nose, at, other, SEED + number)
     yield from _from_pose(nose, at, other, SEED + number)
+    yield from _of_few_points(nose, at, other, SEED + number)
 
 
 def _from_pose(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
@@ -159,6 +167,15 @@ def _from_pose(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed:
             yield one(f"pose {noise}", at, look(), belief, trial, config)
             if view % 2 == 1:
                 yield one(f"other pose {noise}", other, look(), belief, trial, config)
+
+
+def _of_few_points(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
+    rng = np.random.default_rng([seed, 10])
+    for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
+        for noise in ("d", FREE_POINTS) if view % 5 in (0, 4) else ():
+            seen = trial.observation(noise).some(int(rng.integers(*_FEW_POINTS)))
+            yield one(f"few {noise}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
+            yield one(f"other few {noise}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
 
 
 def _better_and_several(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
@@ -207,13 +224,13 @@ def one(kind: str, at: RegistrationMap, seen: Observation, belief: Belief, trial
 
 def _kept(number: int) -> Path:
     """Where the rows of a patient are kept; other sources, other rows."""
-    return ROOT / "out" / "confidence" / search_digest() / f"{SEED}-{number}.json"
+    return ROOT / "out" / "confidence" / search_digest(_TRIALS) / f"{SEED}-{number}.json"
 
 
 def _fit(kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
-    """Weights and bias: what speaks for a pose, other patients counting `_OTHERS`; then scale and shift with `w`."""
+    """Weights and bias: what speaks for a pose, other patients counting more; then scale and shift with `w`."""
     is_other = np.array([one.startswith("other") for one in kind.tolist()])
-    weights, bias = fit_logistic(x, y, np.where(is_other, _OTHERS, w), RIDGE)
+    weights, bias = fit_logistic(x, y, np.where(is_other, np.minimum(_OTHERS * w, _MOST_OF_OTHERS), w), RIDGE)
     scale, shift = fit_logistic((x @ weights + bias)[:, None], y, w, _LEAST_RIDGE)
     return scale[0] * weights, scale[0] * bias + shift
 

@@ -7,11 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench import BenchRequest, pictures, shot
-from naris.bench.trials import FRAME_PX
+from naris.bench.trials import FRAME_PX, drawn_trials
 from naris.core.camera import Brown, Intrinsics
 from naris.core.results import DepthEstimate
 from naris.locate.depth import FOV_DEG
+from naris.register.map import registration_map
+from tests import simulated_head
+from tests.register.sfm.simulated import reconstructed
 
 
 @pytest.mark.long
@@ -66,3 +70,15 @@ def test_ranges_of_something_else_are_not() -> None:
     assert abs(correlation) < 0.35
     assert off > spread
     assert all(np.isnan(shot.alike(estimate, points[:5])))
+
+
+def test_a_shot_is_registered_to_its_own_nose_and_refused_by_another() -> None:
+    """Points of some views, of a unit of their own, with noise as is usual."""
+    nose = simulated_head.bare_nose()
+    own, other = registration_map(nose, places_mm=2.0), registration_map(virtual_patient(77, 1))
+    told = []
+    for seed, trial in enumerate(drawn_trials(nose, 6, 11)):
+        made, _ = reconstructed(nose, trial.anatomy_T_camera, seed, views=4, points=400)
+        told.append([shot._refused(at, made, made.views[0], 1.0, alone=False) for at in (own, other)])
+    assert np.mean(told, axis=0).tolist()[0] <= 0.5
+    assert np.all(told, axis=0).tolist()[1]

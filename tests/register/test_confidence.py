@@ -10,7 +10,7 @@ import pytest
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.core.pose import CAMERA, Pose, distance
 from naris.register import confidence
-from naris.register.confidence import probability, refusal
+from naris.register.confidence import features, probability, refusal
 from naris.register.evidence import Evidence
 from naris.register.map import registration_map
 from naris.register.noise import PointNoise
@@ -25,9 +25,13 @@ def test_the_covariance_is_as_large_as_errors_are(prepared_nose, trials) -> None
     one = trials[0]
     views = [trial.observation("b") for trial in trials[:2]]
     apart = one.anatomy_T_camera.inverse() @ trials[1].anatomy_T_camera
-    several = together(views, Pose(np.stack([np.eye(4), apart.matrix]), CAMERA, CAMERA))
-    factors = [confidence.covariance_factor(seen) for seen in (views[0], several, one.observation("d"))]
-    assert factors == [confidence._file()["covariance"][seen] for seen in ("depth", "several", "points")]
+    several_poses = np.stack([np.eye(4), apart.matrix])
+    several = together(views, Pose(several_poses, CAMERA, CAMERA))
+    clouds = together([trial.observation("d") for trial in trials[:2]], Pose(several_poses, CAMERA, CAMERA))
+    every = (views[0], several, one.observation("d"), clouds)
+    factors = [confidence.covariance_factor(seen) for seen in every]
+    told = confidence._file()["covariance"]
+    assert factors == [told[seen] for seen in ("depth", "several", "points", "points_several")]
     assert factors[1] > factors[0] > factors[2] > 1
     found = register(prepared_nose, views[0], NOTHING, RegisterConfig(seed=0))
     by_equations = fine(prepared_nose, views[0], Starts(found.best.matrix[None].copy(), np.zeros(1)))
@@ -41,13 +45,17 @@ def test_what_fits_nothing_has_a_probability_and_more_surprise_never_helps() -> 
         **dict.fromkeys(("misfit", "spread"), np.inf),
         **dict.fromkeys(("waves", "ripples", "views"), 1),
         sd_mm=0.2, sd_deg=0.5, within=0.99, explained=0.0, excess=3.0, agreement=1.0, scatter=0.0, cloud=True,
-        free=False, clearance_mm=2.0,
+        free=False, clearance_mm=2.0, again=True,
     )  # fmt: skip
     assert max(probability(nothing), probability(replace(nothing, cloud=False))) <= 0.02
     fits = replace(nothing, margin=40.0, rough_margin=30.0, misfit=1.0, spread=1.0, explained=0.93, excess=0.7)
     by_surprise = [probability(replace(fits, surprise=float(z))) for z in (0, 3, 10, 30, 60, 200)]
     assert by_surprise[0] > 0.5
     assert (np.diff(by_surprise) < 0).all()
+    by_ripples = [probability(replace(fits, ripples=r, waves=r)) for r in (1.0, 2.0, 4.0, 8.0)]
+    assert (np.diff(by_ripples) < 0).all()
+    assert probability(replace(fits, through=0.3)) < by_surprise[0]
+    assert np.isfinite([features(replace(fits, views=3, again=again)) for again in (True, False)]).all()
 
 
 def test_points_far_better_than_said_are_believed(prepared_nose, trials) -> None:
@@ -91,6 +99,7 @@ def test_reasons_name_what_is_wrong() -> None:
         surprise=0.0,
         cloud=False,
         views=1,
+        again=True,
         free=False,
         clearance_mm=2.0,
     )

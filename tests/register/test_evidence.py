@@ -107,13 +107,13 @@ def test_slow_functions_are_those_of_each_view(prepared_nose, trials) -> None:
     seen = from_points(points[np.isfinite(points).all(axis=1)], PointNoise(0.5))
     several = together([seen, seen], Pose(np.stack([np.eye(4)] * 2), CAMERA, CAMERA))
     off = rng.standard_normal(len(seen))
-    one = evidence._slow_share(seen, off, np.ones(len(seen), bool), 20.0, 12)
-    both = evidence._slow_share(several, np.tile(off, 2), np.ones(2 * len(seen), bool), 20.0, 12)
+    one = evidence._slow_square(seen, off, np.ones(len(seen), bool), 20.0, 12)
+    both = evidence._slow_square(several, np.tile(off, 2), np.ones(2 * len(seen), bool), 20.0, 12)
     assert both == pytest.approx(one)
     noise = rng.standard_normal((20, len(seen)))
-    mean = np.mean([evidence._slow_share(seen, each, np.ones(len(seen), bool), 20.0, 12) for each in noise])
+    mean = np.mean([evidence._slow_square(seen, each, np.ones(len(seen), bool), 20.0, 12) for each in noise])
     assert mean == pytest.approx(1.0, abs=0.3)
-    assert evidence._slow_share(seen, 0 * off, np.ones(len(seen), bool), 20.0, 12) == 0.0
+    assert evidence._slow_square(seen, 0 * off, np.ones(len(seen), bool), 20.0, 12) == 0.0
     fit = evidence._fit(prepared_nose, trials[0].observation("b"), trials[0].anatomy_T_camera.matrix, 1.0)
     assert (fit.waves, fit.ripples) == (1.0, 1.0)
 

@@ -36,6 +36,7 @@ from naris.bench.chain_patient import (
     measured,
 )
 from naris.bench.chain_record import FrameRecord, Outcome, PatientRecord
+from naris.bench.register import of_which_solver
 from naris.bench.result import Figure, wilson
 from naris.core.provenance import commit, file_digest, plain
 from naris.core.side_by_side import side_by_side
@@ -136,6 +137,7 @@ def inputs(records: Sequence[PatientRecord], request: BenchRequest) -> dict[str,
     """Who was measured, and by which code, where it was not this one."""
     virtual = sum(not record.real for record in records)
     told = {
+        "confidence": of_which_solver(),
         "patients": f"{virtual} of {VIRTUAL} virtual patients, {len(records) - virtual} of {len(SCANS)} real scans",
         **{record.key: f"{record.anatomy}, {len(record.frames)} frames" for record in records},
     }

@@ -71,8 +71,8 @@ SEARCH = (
     "starts",
     "steps",
 )
-"""Sources in `naris.register` that decide where a registration ends and what speaks for it."""
-_STRANGE: tuple[Noise, ...] = ("b", "c", "d", FREE_POINTS)
+"""Sources in `naris.register` that decide where a registration of an observation ends and what speaks for it."""
+_STRANGE: tuple[Noise, ...] = ("a", "b", "c", "d", FREE_POINTS)
 _ONE_VIEW: tuple[Start, ...] = ("region", "none")
 _REPEATS = 200
 
@@ -156,7 +156,7 @@ def of_trials(request: BenchRequest) -> list[Figure]:
     unsure = [one for noise in "bcd" for one in known[f"none.{noise}{OF_PATIENTS}"]]
     figures += of_confidence(unsure)
     figures += [of_covariance(noise, known[f"none.{noise}{OF_PATIENTS}"]) for noise in (*NOISES[1:], FREE_POINTS)]
-    figures += [of_covariance(f"views3.{noise}", known[f"views3.{noise}{OF_PATIENTS}"]) for noise in ("b", "c")]
+    figures += [of_covariance(f"views3.{noise}", known[f"views3.{noise}{OF_PATIENTS}"]) for noise in ("b", "c", "d")]
     patients = sets[0][1]
     return [*figures, _solve_ms(sets[-1][1][0]), *_wrong_patients(request, patients), _mirrored(request, patients)]
 
@@ -328,7 +328,7 @@ def search_digest(more: tuple[str, ...] = ()) -> str:
 
 
 def solver_digest() -> str:
-    """Of those and of what is made of that for the probability."""
+    """Of the sources in `SEARCH`, and of what makes a probability of what they find."""
     return search_digest(("naris.register.confidence",))
 
 

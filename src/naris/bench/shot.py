@@ -13,7 +13,7 @@ from jaxtyping import Float
 from naris.anatomy.builtin import built_in_nose
 from naris.anatomy.read import read_surface
 from naris.bench import BenchRequest
-from naris.bench.deformable import SHOT, SHOT_FILES
+from naris.bench.deformable import SFM, SHOT, SHOT_FILES
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import MEAN
 from naris.core.pictures import read_picture
@@ -24,14 +24,14 @@ from naris.register.noise import PointNoise
 from naris.register.picture import register_picture
 from naris.register.register import register
 from naris.register.sfm.read import read_reconstruction
-from naris.register.sfm.reconstruction import Reconstruction, View, observed, unknown_scale
+from naris.register.sfm.reconstruction import Reconstruction, View, noise_of, observed, unknown_scale
 from naris.render.scene import Scene
 
-PICTURES, POINTS = "register.picture.shot.refused", "register.sinus_sfm.frames"
+PICTURES, POINTS = "register.picture.shot.refused", f"{SFM}.frames"
 _BESIDE_DEG = 2.5  # a point belongs to a ray of the network that is no further away
 _FEWEST = 20
-_OF_POINTS = {"usual": (0.03, False), "larger_noise": (0.05, False), "alone": (0.03, True)}
-"""By name: how wrong points are said to be, over their median distance, and whether the frame's own alone are taken."""
+_OF_POINTS = {"usual": (1.0, False), "larger_noise": (5 / 3, False), "alone": (1.0, True)}
+"""By name: how wrong points are said to be, over what is usual, and whether the frame's own alone are taken."""
 
 
 def figures(request: BenchRequest) -> list[Figure]:
@@ -62,12 +62,11 @@ def figures(request: BenchRequest) -> list[Figure]:
     return [*_of_depth(np.array(likeness)), _of_refused(PICTURES, refused), *_of_points(points)]
 
 
-def _refused(at: RegistrationMap, made: Reconstruction, view: View, noise: float, alone: bool) -> bool:
-    """Whether the points of the reconstruction, in the camera of a view, are registered nowhere."""
+def _refused(at: RegistrationMap, made: Reconstruction, view: View, factor: float, alone: bool) -> bool:
+    """Whether the points of the reconstruction, in the camera of a view, are refused."""
     seen = made.seen_by(view)
-    away = float(np.median(np.linalg.norm(seen, axis=1)))
-    observation = observed(made, view, PointNoise(noise * away), unknown_scale(seen), alone=alone)
-    return register(at, observation).status == "refused"
+    noise = PointNoise(factor * noise_of(seen).sd_mm)
+    return register(at, observed(made, view, noise, unknown_scale(seen), alone=alone)).status == "refused"
 
 
 def alike(estimate: DepthEstimate, points: Float[np.ndarray, "n 3"]) -> tuple[float, float, float]:
@@ -101,6 +100,7 @@ def _of_depth(rows: Float[np.ndarray, "n 3"]) -> list[Figure]:
 
 
 def _of_points(refused: dict[str, list[bool]]) -> list[Figure]:
+    """Frames of one shot in each nose: no independent trials, so the intervals are too narrow."""
     return [_of_refused(f"{POINTS}.{name}.refused", refused.get(name, [])) for name in _OF_POINTS]
 
 

@@ -46,7 +46,7 @@ class Options:
     only: Annotated[IfGiven[str], tyro.conf.arg(metavar="PART")] = None
     """Measure one part alone; of register: trials, cissticp (clouds to a surface, seconds), peers,
     deformable (a mean nose whose shape is estimated, a quarter of an hour), contours (edges and shading of a frame),
-    pictures (a picture alone, half an hour) or shot (pictures of a real shot alone)."""
+    pictures (a picture alone, half an hour) or shot (a real shot of another person, by pictures and by points)."""
     patients: IfGiven[int] = None
     """How many virtual patients, of chain; 20 when not given. With --work, more can follow later."""
     fit_steps: IfGiven[int] = None

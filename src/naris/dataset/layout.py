@@ -88,8 +88,8 @@ def intrinsics_from_json(content: dict[str, Any]) -> Intrinsics:
     """
     todo = 'give a camera such as {"width": 640, …, "lens": {"kind": "pinhole"}}'
     if not isinstance(content, dict) or not isinstance(content.get("lens", {}), dict):
-        got = f"the lens {content['lens']!r:.40}" if isinstance(content, dict) else "something else"
-        raise DatasetError("intrinsics and their lens as objects", got, todo)
+        what = f"the lens {content['lens']!r:.40}" if isinstance(content, dict) else "something else"
+        raise DatasetError("intrinsics and their lens as objects", what, todo)
     lacks, more = sorted(_CAMERA_KEYS - set(content)), sorted(set(content) - _CAMERA_KEYS)
     if lacks or more:
         got = [*([f"none of {', '.join(lacks)}"] if lacks else []), *([f"also {', '.join(more)}"] if more else [])]

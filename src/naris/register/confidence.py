@@ -21,9 +21,12 @@ FITTED = "confidence.json"
 _MOST_ROUGH = 30.0
 _LEAST_EXPLAINED = 0.6
 _LOOSE_MM, _LOOSE_DEG = 1.5, 4.0
-_MISFITS, _SPREADS = (0.3, 2.7), (0.6, 1.5)  # in the trials; a line goes on for ever
+_MISFITS, _SPREADS = (
+    (0.3, 2.7),
+    (0.6, 1.5),
+)  # better than that is no better, nor is worse worse: a line goes on for ever
 _LEAST_WAVES = 0.1
-_HARDLY = 0.02  # of 128 trials that explained less than `_LEAST_EXPLAINED` none was right
+_HARDLY = 0.02  # of the trials that explained less than `_LEAST_EXPLAINED` none was right
 
 
 def features(evidence: Evidence) -> Float[np.ndarray, "f"]:
@@ -32,6 +35,7 @@ def features(evidence: Evidence) -> Float[np.ndarray, "f"]:
     log_margin = np.log1p(max(margin, 0.0))
     explained, excess = 10 * (evidence.explained - 0.95), np.clip(evidence.excess, -0.5, 3.0)
     cloud, several, through = float(evidence.cloud), float(evidence.views > 1), 10 * evidence.through
+    untried = float(not evidence.again)
     return np.array(
         [
             log_margin,
@@ -67,6 +71,9 @@ def features(evidence: Evidence) -> Float[np.ndarray, "f"]:
             several * log_margin,
             several * explained,
             several * excess,
+            # From a pose few are solved, and none once more: that no rival was found says less.
+            untried,
+            untried * log_margin,
         ]
     )
 
@@ -104,7 +111,7 @@ def covariance_factor(observation: Observation) -> float:
     """
     factors = _file()["covariance"]
     if observation.is_cloud:
-        return float(factors["points"])
+        return float(factors["points" if observation.views == 1 else "points_several"])
     return float(factors["depth" if observation.views == 1 else "several"])
 
 

@@ -20,6 +20,7 @@ MOST_MARGIN = 60.0
 _EXPLAINED_SD, _TRUNCATED = 3.0, 0.9866  # the latter: of a normal error within the former, its deviation
 _NEIGHBOURS = (1, 2)
 _WAVE_DEG, _WAVES, _RIPPLE_DEG, _RIPPLES = 20.0, 12, 9.0, 48  # how far they reach and how many, in a view
+_POINTS_A_WAVE = 4  # at least, or functions follow any noise
 _SAME_MM, _SAME_RAD = 1.0, 0.09
 _LEAST_COSINE = 0.05
 _WITHIN_MM, _WITHIN_RAD = 2.0, np.deg2rad(5.0)
@@ -59,7 +60,9 @@ class Evidence:
         through: the share of rays whose wall was seen 3 standard deviations behind that of the anatomy.
         waves, ripples: the mean square of what the standardised residuals of points have of functions that vary over
             20° and 9° of a view: 1 to 3 where each is off by itself as said, for edges pull points to one side; more
-            where walls are another patient's, and 0 where points are far better than said. 1 for depth.
+            where walls are another patient's, and 0 where points are far better than said. 1 for depth. Of few points
+            fewer functions are followed.
+        again: whether anything was begun beside the best finalist; if not, the next four are as of right poses.
         agreement: the share of what was begun beside the best finalist that ended at the best pose.
         scatter: how far they ended from it, in what is asked (2 mm or 5°).
         astray: the same, those that are dearer counting less.
@@ -84,6 +87,7 @@ class Evidence:
     through: float
     waves: float
     ripples: float
+    again: bool
     agreement: float
     scatter: float
     astray: float
@@ -130,6 +134,7 @@ class Evidence:
             through=fit.through,
             waves=fit.waves,
             ripples=fit.ripples,
+            again=found.again is not None,
             agreement=around.agreement,
             scatter=around.scatter,
             astray=around.astray,
@@ -162,7 +167,7 @@ class _Around(NamedTuple):
 
 
 _NOT_TRIED = _Around(0.9, 0.2, 0.06, 3.0)
-"""What it is in the middle of the trials: speaks neither for nor against."""
+"""Near what it is of right poses in the trials; that it was not tried is told beside it (`Evidence.again`)."""
 
 
 def _around(again: Solutions | None, pose: Float[np.ndarray, "4 4"], cost: float) -> _Around:
@@ -229,21 +234,22 @@ def _fit(at: RegistrationMap, observation: Observation, pose: Float[np.ndarray, 
     through = float((met & (off >= _EXPLAINED_SD)).mean())
     waves, ripples = 1.0, 1.0
     if observation.is_cloud:
-        waves = _slow_share(observation, off, fits, _WAVE_DEG, _WAVES)
-        ripples = _slow_share(observation, off, fits, _RIPPLE_DEG, _RIPPLES)
+        waves = _slow_square(observation, off, fits, _WAVE_DEG, _WAVES)
+        ripples = _slow_square(observation, off, fits, _RIPPLE_DEG, _RIPPLES)
     spread = np.sqrt(square) / _TRUNCATED
     return _Fit(float(fits.mean()), misfit, spread, kinship, through, waves, ripples, expected)
 
 
-def _slow_share(
+def _slow_square(
     observation: Observation, off: Float[np.ndarray, "n"], fits: Bool[np.ndarray, "n"], reach_deg: float, most: int
 ) -> float:
     """The mean square, a function, of what slow functions of a view can follow of standardised residuals that fit."""
     energy, functions = 0.0, 0
     for view in range(observation.views):
         here = fits & (observation.view == view)
-        if here.sum() > most:
-            waves = smooth_error(observation.directions[here], 1.0, reach_deg, most).functions
+        count = min(most, int(here.sum()) // _POINTS_A_WAVE)
+        if count:
+            waves = smooth_error(observation.directions[here], 1.0, reach_deg, count).functions
             slow = np.column_stack([np.ones(len(waves)), waves])
             followed, _, rank, _ = np.linalg.lstsq(slow, off[here], rcond=1e-6)
             energy += float(np.square(slow @ followed).sum())

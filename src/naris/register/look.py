@@ -42,12 +42,14 @@ def depth_from(scene: Scene, pose: Pose, intrinsics: Intrinsics) -> Float[np.nda
 
 
 def edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Pixels where the depth jumps to the right or below."""
-    log = np.log(np.maximum(depth, 1e-3))
+    """Pixels where the depth jumps to the right or below; beside what is not seen, those that are seen."""
+    log, seen = np.log(np.maximum(depth, 1e-3)), depth > 0
     jump = np.zeros(depth.shape, dtype=bool)
-    jump[:, :-1] |= np.abs(np.diff(log, axis=1)) > JUMP
-    jump[:-1] |= np.abs(np.diff(log, axis=0)) > JUMP
-    return jump & (depth > 0)
+    for one, next_ in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        jumps = np.abs(log[next_] - log[one]) > JUMP
+        jump[one] |= jumps
+        jump[next_] |= jumps & ~seen[one]
+    return jump & seen
 
 
 def overlay(picture: UInt8[np.ndarray, "h w 3"], depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:

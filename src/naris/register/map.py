@@ -67,7 +67,7 @@ class RegistrationMap:
 
 
 def registration_map(
-    anatomy: Anatomy, places_mm: float = PLACES_MM, room_mm: float = ROOM_MM, *, cache: Path | None = None
+    anatomy: Anatomy, places_mm: float = PLACES_MM, room_mm: float = ROOM_MM, *, cache: Path | str | None = None
 ) -> RegistrationMap:
     """Prepare an anatomy (some seconds); the last few are kept, by the digest of the anatomy.
 
@@ -80,7 +80,8 @@ def registration_map(
         SurfaceError: if there is no room for a camera anywhere inside.
         EngineUnavailable: if rays cannot be shot on this machine.
     """
-    return _kept.get((anatomy.digest, places_mm, room_mm), lambda: _made(anatomy, places_mm, room_mm, cache))
+    folder = None if cache is None else Path(cache)
+    return _kept.get((anatomy.digest, places_mm, room_mm), lambda: _made(anatomy, places_mm, room_mm, folder))
 
 
 def quantised(ranges: Float[np.ndarray, "*n"]) -> UInt8[np.ndarray, "*n"]:

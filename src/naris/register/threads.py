@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import wait
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +14,7 @@ _PIECES = 4
 
 
 def spread(work: Callable[[int, int], None], count: int, *, pieces: int | None = None) -> None:
-    """Calls `work(first, last)` for parts of 0 … count − 1, side by side."""
+    """Calls `work(first, last)` for parts of 0 … count − 1, side by side; none runs any more once it ends, however."""
     threads = cores()
     parts = min(pieces or _PIECES * threads, count)
     edges = np.linspace(0, count, parts + 1).astype(int).tolist()
@@ -21,4 +22,12 @@ def spread(work: Callable[[int, int], None], count: int, *, pieces: int | None =
         for first, last in pairwise(edges):
             work(first, last)
         return
-    list(pool(threads).map(lambda part: work(*part), pairwise(edges)))
+    running = [pool(threads).submit(work, first, last) for first, last in pairwise(edges)]
+    try:
+        for part in running:
+            part.result()
+    finally:
+        # Interrupted, too: what they read of is freed when the process ends, and a thread that still reads crashes it.
+        for part in running:
+            part.cancel()
+        wait(running)
