@@ -14,6 +14,7 @@ from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.anatomy.shape_model import ShapeModel, save_shape_model
 from naris.bench.trials import drawn_trials
 from naris.cli import main
+from naris.cli.register import Options, _doubts
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA as CAMERA_FRAME
 from naris.core.pose import Pose, distance
@@ -126,6 +127,13 @@ def test_a_reconstruction_is_registered_from_one_of_its_pictures(
     assert told["scale_kind"] == "unknown" and (told["views"] == 1) == bool(more)
     off = np.linalg.norm(np.array(told["anatomy_T_camera"])[:3, 3] - np.load(seen / "truth.npy")[:3, 3])
     assert off < 2 or told["margin"] is not None
+
+
+def test_a_refusal_names_what_was_taken_for_granted() -> None:
+    assert _doubts(Options("builtin")) == []
+    [told] = _doubts(Options("builtin", region="right vestibule", rig=Path("rig.json")))
+    assert "in right vestibule" in told
+    assert "poses of the cameras" in told
 
 
 def test_a_refused_pose_leaves_no_transform(

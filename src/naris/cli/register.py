@@ -138,7 +138,7 @@ def run(options: Options, console: Console) -> int:
         else:
             looks = looks_of(pose, anatomy, seen, ground, flickers=options.frame is not None)
         data["files"] = write_registered(options.out, pose, anatomy, looks, data)
-    console.answer(data, _text(data))
+    console.answer(data, _text(data, _doubts(options)))
     return 0 if found.status == "registered" else REFUSED
 
 
@@ -308,7 +308,17 @@ def _expected(found: Registration, anatomy: Anatomy) -> dict[str, float]:
     return dict(zip(places, errors.tolist(), strict=True))
 
 
-def _text(data: dict[str, Any]) -> str:
+def _doubts(options: Options) -> list[str]:
+    """What was said and not checked, for whoever wonders why a pose is refused."""
+    said = []
+    if options.region is not None:
+        said.append(f"that the camera is in {options.region}")
+    if options.rig is not None:
+        said.append("the poses of the cameras to each other")
+    return [f"  taken for granted, check it: {', and '.join(said)}"] if said else []
+
+
+def _text(data: dict[str, Any], doubts: list[str]) -> str:
     from naris.register.files import AHEAD
 
     x, y, z = (row[3] for row in data["best_guess"][:3])
@@ -316,7 +326,7 @@ def _text(data: dict[str, Any]) -> str:
     strange = data["model"] is not None and not data["model"]["used"]
     unused = ["  the frame is unlike all that the model has seen: what it says of it was not used"] if strange else []
     if data["status"] == "refused":
-        return "\n".join([f"refused: {data['reason']}", f"  best guess near {where}, not to be used", *unused])
+        return "\n".join([f"refused: {data['reason']}", f"  best guess near {where}, not to be used", *unused, *doubts])
     unit = "times what the network says" if data["picture_alone"] else "mm per unit"
     scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} {unit}"
     lines = [
