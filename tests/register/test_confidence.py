@@ -19,6 +19,33 @@ from naris.register.register import RegisterConfig, register
 from naris.register.solve import fine
 from naris.register.starts import NOTHING, Starts
 
+GOOD = Evidence(
+    margin=40.0,
+    rough_margin=20.0,
+    sd_mm=0.2,
+    sd_deg=0.5,
+    within=0.99,
+    explained=0.99,
+    misfit=1.0,
+    spread=1.0,
+    kinship=0.0,
+    excess=0.0,
+    through=0.0,
+    waves=1.0,
+    ripples=1.0,
+    agreement=0.5,
+    scatter=0.1,
+    astray=0.1,
+    dents=0.5,
+    surprise=0.0,
+    cloud=False,
+    views=1,
+    again=True,
+    free=False,
+    clearance_mm=2.0,
+)
+"""Of a depth image, and nothing against it."""
+
 
 def test_the_covariance_is_as_large_as_errors_are(prepared_nose, trials) -> None:
     """By depth, points and several views apart; and what is kept is multiplied with it."""
@@ -40,12 +67,9 @@ def test_the_covariance_is_as_large_as_errors_are(prepared_nose, trials) -> None
 
 
 def test_what_fits_nothing_has_a_probability_and_more_surprise_never_helps() -> None:
-    nothing = Evidence(
-        **dict.fromkeys(("margin", "rough_margin", "astray", "dents", "surprise", "kinship", "through"), 0.0),
-        **dict.fromkeys(("misfit", "spread"), np.inf),
-        **dict.fromkeys(("waves", "ripples", "views"), 1),
-        sd_mm=0.2, sd_deg=0.5, within=0.99, explained=0.0, excess=3.0, agreement=1.0, scatter=0.0, cloud=True,
-        free=False, clearance_mm=2.0, again=True,
+    nothing = replace(
+        GOOD, margin=0.0, rough_margin=0.0, explained=0.0, misfit=np.inf, spread=np.inf, excess=3.0, agreement=1.0,
+        scatter=0.0, astray=0.0, dents=0.0, cloud=True,
     )  # fmt: skip
     assert max(probability(nothing), probability(replace(nothing, cloud=False))) <= 0.02
     fits = replace(nothing, margin=40.0, rough_margin=30.0, misfit=1.0, spread=1.0, explained=0.93, excess=0.7)
@@ -78,32 +102,7 @@ def test_points_far_better_than_said_are_believed(prepared_nose, trials) -> None
 
 
 def test_reasons_name_what_is_wrong() -> None:
-    good = Evidence(
-        margin=40.0,
-        rough_margin=20.0,
-        sd_mm=0.2,
-        sd_deg=0.5,
-        within=0.99,
-        explained=0.99,
-        misfit=1.0,
-        spread=1.0,
-        kinship=0.0,
-        excess=0.0,
-        through=0.0,
-        waves=1.0,
-        ripples=1.0,
-        agreement=0.5,
-        scatter=0.1,
-        astray=0.1,
-        dents=0.5,
-        surprise=0.0,
-        cloud=False,
-        views=1,
-        again=True,
-        free=False,
-        clearance_mm=2.0,
-    )
-    assert refusal(good, 0.95, 0.8) is None
-    assert "another patient" in (refusal(replace(good, explained=0.3), 0.9, 0.8) or "")
-    assert "several poses" in (refusal(replace(good, margin=1.0), 0.4, 0.8) or "")
-    assert "loose" in (refusal(replace(good, sd_mm=2.5, sd_deg=9.0), 0.4, 0.8) or "")
+    assert refusal(GOOD, 0.95, 0.8) is None
+    assert "another patient" in (refusal(replace(GOOD, explained=0.3), 0.9, 0.8) or "")
+    assert "several poses" in (refusal(replace(GOOD, margin=1.0), 0.4, 0.8) or "")
+    assert "loose" in (refusal(replace(GOOD, sd_mm=2.5, sd_deg=9.0), 0.4, 0.8) or "")
