@@ -3,7 +3,7 @@
 For each patient a network learns its nose in minutes, looks at frames from places that it has not seen, and what it
 says starts a registration of the depth there, which is as wrong as that of `naris.bench.trials` (b, c). A frame counts
 as right if its pose was not refused and puts the wall ahead within 2 mm, the mean target registration error
-(`naris.evaluate.targets`): the wall around the optical axis, as that is where somebody works; landmarks, most of them
+(`naris.core.targets`): the wall around the optical axis, as that is where somebody works; landmarks, most of them
 far from the tip, stand beside it. Shares are of all frames; a refusal is a failure. Other solvers are told what the
 network says too (`naris.bench.in_our_place`).
 """

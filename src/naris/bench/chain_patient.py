@@ -24,10 +24,10 @@ from naris.core.pose import Pose, distance, stack
 from naris.core.progress import Progress
 from naris.core.provenance import commit
 from naris.core.results import Prediction
+from naris.core.targets import target_errors_mm, wall_ahead_mm
 from naris.ct.read import read_scan
 from naris.dataset.stream import ViewStream, view_stream
 from naris.demo import LOOKS
-from naris.evaluate.targets import target_errors_mm, wall_ahead_mm
 from naris.experiment.start_weights import knows, start_for
 from naris.locate import locate
 from naris.model.localizer import Localizer, open_localizer

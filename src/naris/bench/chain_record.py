@@ -18,7 +18,7 @@ class Outcome:
     """One registration beside the truth.
 
     Attributes:
-        wall_mm: mean target registration error of the wall ahead (`naris.evaluate.targets`), of the most likely pose.
+        wall_mm: mean target registration error of the wall ahead (`naris.core.targets`), of the most likely pose.
         landmarks_mm: the same of the anatomy's landmarks; None where it has none.
         accepted: not refused.
         cpu_s: from the frame, where the belief asks for it, and the depth to the pose, but for the choice among what a

@@ -22,8 +22,8 @@ from naris.core.anatomy import Anatomy
 from naris.core.camera import Brown, Intrinsics, Pinhole
 from naris.core.pose import distance
 from naris.core.results import Registration
+from naris.core.targets import target_errors_mm, wall_ahead_mm
 from naris.evaluate.score import auroc, normalised_square, reliability
-from naris.evaluate.targets import target_errors_mm, wall_ahead_mm
 from naris.locate.depth import DepthEstimator, open_depth
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.picture import SEARCH, PictureConfig, register_picture

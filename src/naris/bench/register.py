@@ -35,8 +35,8 @@ from naris.bench.trials import (
 from naris.core.pose import distance
 from naris.core.provenance import file_digest
 from naris.core.results import Registration
+from naris.core.targets import target_errors_mm
 from naris.evaluate.score import auroc, normalised_square, reliability
-from naris.evaluate.targets import target_errors_mm
 from naris.register.confidence import FITTED
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.noise import DepthNoise

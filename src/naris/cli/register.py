@@ -300,7 +300,7 @@ def _expected(found: Registration, anatomy: Anatomy) -> dict[str, float]:
     """Expected target registration errors, by the name of the place."""
     import numpy as np
 
-    from naris.evaluate.targets import expected_errors_mm
+    from naris.core.targets import expected_errors_mm
     from naris.register.files import AHEAD, AHEAD_MM
 
     places = {AHEAD: found.best.position_mm + AHEAD_MM * found.best.forward, **anatomy.landmarks_mm}

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from naris.core.pose import CAMERA, Pose
+from naris.core.targets import expected_errors_mm, target_errors_mm, wall_ahead_mm
 from naris.errors import PoseError
-from naris.evaluate.targets import expected_errors_mm, target_errors_mm, wall_ahead_mm
 
 SEEDS = st.integers(0, 2**32 - 1)
 TARGETS_MM = np.random.default_rng(1).normal(0, 20, (17, 3))
