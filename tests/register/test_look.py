@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from naris.register.look import edges
+from naris.register.look import edges, overlay
 
 
 def test_a_wall_before_nothing_has_an_edge_on_every_side() -> None:
@@ -21,3 +21,26 @@ def test_a_wall_before_another_has_an_edge_and_slopes_have_none() -> None:
     assert not edges(depth).any()
     depth[:, 6:] *= 2.0
     assert edges(depth).sum(axis=0).tolist() == [0] * 5 + [9] + [0] * 6
+
+
+def test_lines_are_as_wide_in_large_pictures_as_in_small_ones() -> None:
+    shares = []
+    for size in (480, 960):
+        depth = np.full((size, size), 5.0)
+        depth[:, size // 2 :] = 10.0
+        drawn = overlay(np.full((size, size, 3), 90, np.uint8), depth)
+        shares.append(float((drawn != 90).any(axis=2).mean()))
+    assert 0.003 < shares[0] == shares[1] < 0.01
+
+
+def test_nothing_is_drawn_on_a_stop_and_what_is_dark_within_is_drawn_on() -> None:
+    frame = np.full((60, 60, 3), 90, np.uint8)
+    y, x = np.mgrid[:60, :60] - 29.5
+    stop = np.hypot(x, y) > 28
+    frame[stop] = 3
+    frame[20:40, 20:40] = 0
+    depth = np.full((60, 60), 5.0)
+    depth[:, 30:] = 10.0
+    drawn = (overlay(frame, depth) != frame).any(axis=2)
+    assert not drawn[stop].any()
+    assert drawn[20:40].any(axis=1).all()

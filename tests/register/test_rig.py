@@ -71,7 +71,8 @@ def test_one_camera_may_stand_for_all(tmp_path):
     ("change", "message"),
     [
         (lambda content: "{", "views in JSON"),
-        (lambda content: [content], "2 to 16 views in rig.json, got none"),
+        (lambda content: [content], "in rig.json, got a list"),
+        (lambda content: {}, "2 to 16 views in rig.json, got none"),
         (lambda content: {"views": content["views"][:1]}, "2 to 16 views in rig.json, got 1"),
         (lambda content: {"views": content["views"] * 9}, "2 to 16 views in rig.json, got 18"),
         (lambda content: {"views": [*content["views"], 7]}, "first_T_camera of view 3 of rig.json, got none"),

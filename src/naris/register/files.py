@@ -73,7 +73,8 @@ def _read_cloud(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
     fits = points.ndim == 2 and points.shape[1] in {columns, 6} and np.issubdtype(points.dtype, np.number)
     if not fits:
         todo = "give x, y and z, or those and the normal" if columns == 3 else "give x, y, z and the normal"
-        raise InputError(f"points (N, {columns}) in {path.name}", f"an array of shape {points.shape}", todo)
+        got = f"an array of shape {points.shape}" if points.size else "none"
+        raise InputError(f"points (N, {columns}) in {path.name}", got, todo)
     return np.asarray(points[:, :columns], dtype=np.float64)
 
 

@@ -15,7 +15,8 @@ from naris.render.scene import Scene, render
 
 JUMP = 0.12
 """Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
-_EDGE_RGB = (60, 255, 120)
+_EDGE_RGB, _EDGES_ACROSS = (60, 255, 120), 240  # so many lines would cover a picture
+_BLACK = 12  # and the noise of a camera
 _REFUSED_RGB, _WARNING = (150, 20, 20), "REFUSED: the best guess, not to be used"
 _HALVES = "what was seen, with walls as guessed", "what a camera there would see"
 _WHITE = (255, 255, 255)
@@ -53,10 +54,19 @@ def edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
 
 
 def overlay(picture: UInt8[np.ndarray, "h w 3"], depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
-    """The edges of the walls drawn on a picture of the same size."""
+    """The edges of the walls drawn on a picture of the same size, but for what a stop of the scope hides."""
     drawn = picture.copy()
-    drawn[cv2.dilate(edges(depth).astype(np.uint8), np.ones((2, 2), np.uint8)) > 0] = _EDGE_RGB
+    wide = max(2, round(min(depth.shape) / _EDGES_ACROSS))
+    lines = cv2.dilate(edges(depth).astype(np.uint8), np.ones((wide, wide), np.uint8)) > 0
+    drawn[lines & ~_behind_stop(picture)] = _EDGE_RGB
     return drawn
+
+
+def _behind_stop(picture: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
+    """What is black from a corner on."""
+    _, part = cv2.connectedComponents((picture.max(axis=2) <= _BLACK).astype(np.uint8))
+    corners = {int(part[row, column]) for row in (0, -1) for column in (0, -1)} - {0}
+    return np.isin(part, list(corners))
 
 
 def refused(

@@ -66,7 +66,9 @@ def read_rig(path: Path, unit_mm: float) -> Rig:
         told = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise InputError(f"views in JSON in {path.name}", "something else", _TODO) from error
-    views = told.get("views") if isinstance(told, dict) else None
+    if not isinstance(told, dict):
+        raise InputError(f'{{"views": […]}} in {path.name}', f"a {type(told).__name__}", _TODO)
+    views = told.get("views")
     if not isinstance(views, list) or not _FEWEST <= len(views) <= _MOST:
         got = f"{len(views)}" if isinstance(views, list) else "none"
         raise InputError(f"{_FEWEST} to {_MOST} views in {path.name}", got, "list those that differ most")
