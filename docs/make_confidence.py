@@ -28,9 +28,9 @@ import numpy as np
 import naris
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench.fits import trials
-from naris.bench.problems import problem
+from naris.bench.problems import problem, several
 from naris.bench.register import search_digest, solver_digest
-from naris.bench.trials import FREE_POINTS, NOISES, POINT_MM, Noise, Trial, drawn_trials
+from naris.bench.trials import FREE_POINTS, NOISES, POINT_MM, Noise, Trial, drawn_trials, neighbours_of
 from naris.cli.console import console_for
 from naris.core.anatomy import Anatomy
 from naris.core.atomic import write_json
@@ -41,6 +41,7 @@ from naris.register import confidence
 from naris.register import register as registration
 from naris.register.evidence import Evidence
 from naris.register.map import RegistrationMap, registration_map
+from naris.register.noise import Scale
 from naris.register.observation import Observation
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, Belief, in_region
@@ -49,8 +50,10 @@ ROOT = Path(__file__).parents[1]
 OUT = ROOT / "src" / "naris" / "register" / confidence.FITTED
 ALL = (*NOISES, FREE_POINTS)
 SEED, PATIENTS, VIEWS, RIDGE, _LEAST_RIDGE = 3_000_000, 36, 10, 1e-3, 1e-6
-_OF_STARTS = {"none": 1.0, "region": 1.0, "views": 1.0, "mistold": 1 / 3, "better": 1 / 3, "pose": 1 / 3, "few": 1 / 3}
-_OF_OTHERS = {"other": 1 / 3, "other views": 1 / 3, "other better": 1 / 3, "other pose": 1 / 6, "other few": 1 / 3}
+_OF_STARTS = {"none": 1.0, "region": 1.0, "views": 1.0}
+_OF_STARTS |= dict.fromkeys(("mistold", "better", "pose", "few", "shot", "prior"), 1 / 3)
+_OF_OTHERS = dict.fromkeys(("other", *(f"other {s}" for s in ("views", "better", "few", "shot", "prior"))), 1 / 3)
+_OF_OTHERS |= {"other pose": 1 / 6}
 WEIGHTS = {
     f"{start} {noise}": weight for start, weight in (*_OF_STARTS.items(), *_OF_OTHERS.items()) for noise in ALL
 } | {"other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
@@ -66,10 +69,12 @@ _OF_COVARIANCE = {
     "depth": ("none b", "none c"),
     "several": ("views b", "views c"),
     "points": ("none d", f"none {FREE_POINTS}"),
-    "points_several": ("views d",),
+    "points_several": ("views d", f"views {FREE_POINTS}", f"shot {FREE_POINTS}"),
 }
 _ENDLESS = 1e9  # JSON has no word for it; for features it is the same
 _FEW_POINTS = (30, 250)
+_SHOT_VIEWS, _SHOT_POINTS = (2, 8), (60, 300)
+_PRIOR_SD = 0.1  # of the logarithm of the scale
 MISTOLD = (0.6, 1.7)
 """What the deviations of the noise are multiplied with where they are told wrong."""
 
@@ -158,6 +163,7 @@ def of_patient(number: int) -> Iterator[Row]:
     yield from _better_and_several(nose, at, other, SEED + number)
     yield from _from_pose(nose, at, other, SEED + number)
     yield from _of_few_points(nose, at, other, SEED + number)
+    yield from _of_reconstructions(nose, at, other, SEED + number)
 
 
 def _from_pose(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
@@ -176,6 +182,31 @@ def _of_few_points(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, s
             seen = trial.observation(noise).some(int(rng.integers(*_FEW_POINTS)))
             yield one(f"few {noise}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
             yield one(f"other few {noise}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
+
+
+def _of_reconstructions(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
+    """Points of several views in a unit of their own, or of one with a prior of its scale."""
+    rng = np.random.default_rng([seed, 11])
+    for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
+        if view % 5 == 1:
+            kind, seen = "views", problem(at, trial, FREE_POINTS, "views3", view).look()
+        elif view % 5 in (0, 3):
+            kind, seen = "shot", as_reconstructed(nose, trial, rng)
+        elif view % 5 == 2:
+            factor = float(np.exp(_PRIOR_SD * rng.standard_normal())) / trial.scale
+            prior = Scale("prior", factor=factor, sd_log=_PRIOR_SD)
+            kind, seen = "prior", replace(trial.observation(FREE_POINTS), scale=prior)
+        else:
+            continue
+        yield one(f"{kind} {FREE_POINTS}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
+        yield one(f"other {kind} {FREE_POINTS}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
+
+
+def as_reconstructed(nose: Anatomy, trial: Trial, rng: np.random.Generator) -> Observation:
+    """Some points of several views about that of a trial, in one unit."""
+    views, rig_T_camera = neighbours_of(nose, trial, int(rng.integers(*_SHOT_VIEWS)), int(rng.integers(2**31)))
+    of_each = int(rng.integers(*_SHOT_POINTS))
+    return several([replace(one, points=one.points[:of_each]) for one in views], rig_T_camera, FREE_POINTS)
 
 
 def _better_and_several(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:

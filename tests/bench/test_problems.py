@@ -65,6 +65,14 @@ def test_three_views_share_what_is_unknown(tube: RegistrationMap, trial: Trial) 
     assert _met(tube, trial, mm) > 0.9
 
 
+def test_points_of_three_views_share_what_is_unknown(tube: RegistrationMap, trial: Trial) -> None:
+    mm, free = (problem(tube, trial, noise, "views3", 0).look() for noise in ("d", "e"))
+    assert free.scale.free and free.views == 3
+    for length in ("origins", "ranges", "isotropic"):
+        np.testing.assert_allclose(getattr(free, length), trial.scale * getattr(mm, length), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(free.directions, mm.directions, atol=1e-9)
+
+
 def _met(tube: RegistrationMap, trial: Trial, seen: Observation) -> float:
     """The share of what was seen that lies near a wall, put where the first camera is."""
     points = trial.anatomy_T_camera.apply(seen.origins + seen.ranges[:, None] * seen.directions)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from naris.bench.trials import Noise, Trial, neighbours_of
+from naris.bench.trials import FREE_POINTS, Noise, Trial, neighbours_of
 from naris.core.pose import CAMERA, Pose
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation, together
@@ -49,7 +50,7 @@ def problem(at: RegistrationMap, trial: Trial, noise: Noise, start: Start, seed:
         return Problem(look, near_truth(trial, np.random.default_rng([seed, 6])), FROM_POSE)
     if start == "views3":
         views, rig_T_camera = neighbours_of(at.anatomy, trial, 2, seed)
-        return Problem(partial(_several, views, rig_T_camera, noise), NOTHING, config)
+        return Problem(partial(several, views, rig_T_camera, noise), NOTHING, config)
     return Problem(look, NOTHING, config)
 
 
@@ -62,11 +63,17 @@ def near_truth(trial: Trial, rng: np.random.Generator) -> Belief:
     return near(moved, spread[None])
 
 
-def _several(views: Sequence[Trial], rig_T_camera: Pose, noise: Noise) -> Observation:
-    """The views as one observation; those of noise c share the scale of the first, translations too."""
-    if noise != "c":
+def several(views: Sequence[Trial], rig_T_camera: Pose, noise: Noise) -> Observation:
+    """Views as one observation; those of noise c and e share the scale of the first, as the positions do.
+
+    Args:
+        views: with the truth, in mm.
+        rig_T_camera: (V,) in mm.
+        noise: of all.
+    """
+    if noise not in ("c", FREE_POINTS):
         return together([one.observation(noise) for one in views], rig_T_camera)
     scale = views[0].scale
-    alike = [Trial(one.anatomy_T_camera, one.rays, {"c": scale * one.ranges["b"]}, scale, one.points) for one in views]
+    alike = [replace(one, ranges={"c": scale * one.ranges["b"]}, scale=scale) for one in views]
     poses = Pose.of(rig_T_camera.rotation, scale * rig_T_camera.position_mm, CAMERA, CAMERA)
-    return together([one.observation("c") for one in alike], poses)
+    return together([one.observation(noise) for one in alike], poses)

@@ -68,6 +68,7 @@ def features(evidence: Evidence) -> Float[np.ndarray, "f"]:
             cloud * through,
             # Several views leave no rival and little loose; what they cost is told by more rays.
             several,
+            np.log(evidence.views),
             several * log_margin,
             several * explained,
             several * excess,

@@ -30,7 +30,7 @@ _ROOT = 0.3989422804014327  # 1/√(2π)
 
 _part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
 _inline_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, forceinline=True)
-_raw_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False)
+_raw_njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False)
 
 
 class Rays(NamedTuple):

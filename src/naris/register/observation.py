@@ -247,7 +247,8 @@ def from_sightings(
         InputError: as `from_points`.
     """
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise InputError("points (N, 3)", f"shape {points.shape}", "give a cloud of points")
+        got = f"shape {points.shape}" if points.size else "none"
+        raise InputError("points (N, 3)", got, "give a cloud of points")
     if not np.isfinite(points).all():
         bad = int((~np.isfinite(points).all(axis=1)).sum())
         raise InputError("finite points", f"{bad} of {len(points)} with NaN or infinity", "leave them out")

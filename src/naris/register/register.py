@@ -33,7 +33,7 @@ class RegisterConfig:
         starts: solved coarsely.
         finalists: solved finely, at most so many.
         aside: begun again a little beside the best of them; half as many of points, which have fewer dents. The
-            probability was fitted with as many as by default.
+            probability was fitted with as many as by default, and with none from a pose.
         least_probability: a pose that is less likely than this to be within 2 mm and 5° is refused.
         seed: of the starts beside believed poses, and of those beside the best finalist.
         method: what the finalists are solved by: `naris` by rays and smooth error; of a known scale also `icp`, `imlp`
