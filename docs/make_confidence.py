@@ -1,6 +1,6 @@
 """Fit the probability of a registration (`naris.register.confidence`) on simulated trials, and write it.
 
-    python docs/make_confidence.py            # about half an hour; writes src/naris/register/confidence.json
+    python docs/make_confidence.py            # about an hour; writes src/naris/register/confidence.json
     python docs/make_confidence.py 0 2        # the even patients of it alone, for two at once; then the first line
 
 What each patient came to is kept in out/confidence, by the sources of the search, and not done again; another way to
@@ -9,9 +9,11 @@ make a probability of it needs seconds. Digests of that are in the file, for who
 Virtual patients with views drawn as those of `naris bench register`, but of other seeds: from nothing, every second one
 from the true region, with noise a to e; every second one to another patient, which are all wrong; every fifth with
 noise that is said to be less or more than it is; two of five far better than said, in this patient and in another; with
-two views beside every third one (b) and every fifth one (c, d), in both; from a pose near to the truth; and two of five
-with few of the points. A logistic regression with a small ridge, in two steps (`_fit`); and covariances by the
-equations are held against the errors of right poses.
+two views beside every third one (b) and every fifth one (c, d, e), in both; from a pose near to the truth; two of five
+with few of the points; and, of points in a unit of their own, with up to seven views beside three of five, as a
+reconstruction has them, a third of those better than said, and one of five with a prior of the scale. A logistic
+regression with a small ridge, in two steps (`_fit`); and covariances by the equations are held against the errors of
+right poses.
 """
 
 from __future__ import annotations
@@ -50,12 +52,16 @@ ROOT = Path(__file__).parents[1]
 OUT = ROOT / "src" / "naris" / "register" / confidence.FITTED
 ALL = (*NOISES, FREE_POINTS)
 SEED, PATIENTS, VIEWS, RIDGE, _LEAST_RIDGE = 3_000_000, 36, 10, 1e-3, 1e-6
-_OF_STARTS = {"none": 1.0, "region": 1.0, "views": 1.0}
-_OF_STARTS |= dict.fromkeys(("mistold", "better", "pose", "few", "shot", "prior"), 1 / 3)
-_OF_OTHERS = dict.fromkeys(("other", *(f"other {s}" for s in ("views", "better", "few", "shot", "prior"))), 1 / 3)
-_OF_OTHERS |= {"other pose": 1 / 6}
+_OF_STARTS = dict.fromkeys(("none", "region", "views"), 1.0)
+_OF_STARTS |= dict.fromkeys(("mistold", "better", "pose", "few", "shot", "better shot", "prior"), 1 / 3)
+_OF_OTHERS = dict.fromkeys(("", " views", " better", " few", " shot", " better shot", " prior"), 1 / 3) | {
+    " pose": 1 / 6
+}
 WEIGHTS = {
-    f"{start} {noise}": weight for start, weight in (*_OF_STARTS.items(), *_OF_OTHERS.items()) for noise in ALL
+    f"{kind} {noise}": weight
+    for of, weights in (("", _OF_STARTS), ("other", _OF_OTHERS))
+    for kind, weight in ((of + start, weight) for start, weight in weights.items())
+    for noise in ALL
 } | {"other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
 """Other patients are rarer in use than here; of clouds they are the hardest to tell, and count twice for it. From a
 pose the same is seen as from nothing, once more."""
@@ -164,6 +170,7 @@ def of_patient(number: int) -> Iterator[Row]:
     yield from _from_pose(nose, at, other, SEED + number)
     yield from _of_few_points(nose, at, other, SEED + number)
     yield from _of_reconstructions(nose, at, other, SEED + number)
+    yield from _of_better_reconstructions(nose, at, other, SEED + number)
 
 
 def _from_pose(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
@@ -188,24 +195,37 @@ def _of_reconstructions(nose: Anatomy, at: RegistrationMap, other: RegistrationM
     """Points of several views in a unit of their own, or of one with a prior of its scale."""
     rng = np.random.default_rng([seed, 11])
     for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
+        if view % 5 == 4:
+            continue
         if view % 5 == 1:
             kind, seen = "views", problem(at, trial, FREE_POINTS, "views3", view).look()
         elif view % 5 in (0, 3):
             kind, seen = "shot", as_reconstructed(nose, trial, rng)
-        elif view % 5 == 2:
+        else:
             factor = float(np.exp(_PRIOR_SD * rng.standard_normal())) / trial.scale
             prior = Scale("prior", factor=factor, sd_log=_PRIOR_SD)
             kind, seen = "prior", replace(trial.observation(FREE_POINTS), scale=prior)
-        else:
-            continue
         yield one(f"{kind} {FREE_POINTS}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
         yield one(f"other {kind} {FREE_POINTS}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
 
 
-def as_reconstructed(nose: Anatomy, trial: Trial, rng: np.random.Generator) -> Observation:
+def _of_better_reconstructions(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
+    """Of less noise than said: whoever takes a usual one for it says too much more often than too little."""
+    rng = np.random.default_rng([seed, 12])
+    for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
+        if view % 5 == 4:
+            seen = as_reconstructed(nose, trial, rng, better=True)
+            yield one(f"better shot {FREE_POINTS}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
+            yield one(f"other better shot {FREE_POINTS}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
+
+
+def as_reconstructed(nose: Anatomy, trial: Trial, rng: np.random.Generator, *, better: bool = False) -> Observation:
     """Some points of several views about that of a trial, in one unit."""
     views, rig_T_camera = neighbours_of(nose, trial, int(rng.integers(*_SHOT_VIEWS)), int(rng.integers(2**31)))
     of_each = int(rng.integers(*_SHOT_POINTS))
+    if better:
+        factor = rng.uniform(0.0, 0.5)
+        views = [replace(one, points=_better_points(one, factor, rng)) for one in views]
     return several([replace(one, points=one.points[:of_each]) for one in views], rig_T_camera, FREE_POINTS)
 
 
@@ -230,11 +250,16 @@ def better_than_said(trial: Trial, noise: Noise, rng: np.random.Generator) -> Ob
     if noise in ("b", "c"):
         better = exact + rng.uniform(0.0, 0.5) * (trial.ranges["b"] - exact)
         return replace(trial, ranges={"b": better, "c": trial.scale * better}).observation(noise)
-    seen = np.flatnonzero(np.isfinite(exact))
-    chosen = rng.choice(seen, len(trial.points), replace=False)
+    return replace(trial, points=_better_points(trial, None, rng)).observation(noise)
+
+
+def _better_points(trial: Trial, factor: float | None, rng: np.random.Generator) -> np.ndarray:
+    """As many points without outliers, their noise times a factor, which is drawn where there is none."""
+    exact = trial.ranges["a"]
+    chosen = rng.choice(np.flatnonzero(np.isfinite(exact)), len(trial.points), replace=False)
     points = trial.rays.reshape(-1, 3)[chosen] * exact.reshape(-1, 1)[chosen]
-    points += rng.uniform(0.0, 0.5) * POINT_MM * rng.standard_normal(points.shape)
-    return replace(trial, points=points).observation(noise)
+    factor = rng.uniform(0.0, 0.5) if factor is None else factor
+    return np.asarray(points + factor * POINT_MM * rng.standard_normal(points.shape))
 
 
 def one(kind: str, at: RegistrationMap, seen: Observation, belief: Belief, trial: Trial, config: RegisterConfig) -> Row:
