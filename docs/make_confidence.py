@@ -6,57 +6,40 @@
 What each patient came to is kept in out/confidence, by the sources of the search, and not done again; another way to
 make a probability of it needs seconds. Digests of that are in the file, for whoever makes a patient's again.
 
-Virtual patients with views drawn as those of `naris bench register`, but of other seeds: from nothing, every second one
-from the true region, with noise a to e; every second one to another patient, which are all wrong; every fifth with
-noise that is said to be less or more than it is; two of five far better than said, in this patient and in another; with
-two views beside every third one (b) and every fifth one (c, d, e), in both; from a pose near to the truth; two of five
-with few of the points; and, of points in a unit of their own, with up to seven views beside three of five, as a
-reconstruction has them, a third of those better than said, and one of five with a prior of the scale. A logistic
-regression with a small ridge, in two steps (`_fit`); and covariances by the equations are held against the errors of
-right poses.
+The trials are told in `confidence_rows.py`. A logistic regression with a small ridge, in two steps (`_fit`); what few
+points take off (`_of_few`); and covariances by the equations are held against the errors of right poses.
 """
 
 from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from confidence_rows import ALL, PATIENTS, SEED, of_patient
+from scipy.optimize import minimize
 
 import naris
-from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench.fits import trials
-from naris.bench.problems import problem, several
 from naris.bench.register import search_digest, solver_digest
-from naris.bench.trials import FREE_POINTS, NOISES, POINT_MM, Noise, Trial, drawn_trials, neighbours_of
+from naris.bench.trials import FREE_POINTS
 from naris.cli.console import console_for
-from naris.core.anatomy import Anatomy
 from naris.core.atomic import write_json
-from naris.core.pose import distance
 from naris.evaluate.logistic import fit_logistic
-from naris.evaluate.score import auroc, normalised_square, reliability
+from naris.evaluate.score import auroc, reliability
 from naris.register import confidence
-from naris.register import register as registration
 from naris.register.evidence import Evidence
-from naris.register.map import RegistrationMap, registration_map
-from naris.register.noise import Scale
-from naris.register.observation import Observation
-from naris.register.register import RegisterConfig, register
-from naris.register.starts import NOTHING, Belief, in_region
+from naris.register.register import RegisterConfig
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "src" / "naris" / "register" / confidence.FITTED
-ALL = (*NOISES, FREE_POINTS)
-SEED, PATIENTS, VIEWS, RIDGE, _LEAST_RIDGE = 3_000_000, 36, 10, 1e-3, 1e-6
+RIDGE, _LEAST_RIDGE = 1e-3, 1e-6
+_RARE = ("few", "better", "shot", "better shot", "prior")
 _OF_STARTS = dict.fromkeys(("none", "region", "views"), 1.0)
-_OF_STARTS |= dict.fromkeys(("mistold", "better", "pose", "few", "shot", "better shot", "prior"), 1 / 3)
-_OF_OTHERS = dict.fromkeys(("", " views", " better", " few", " shot", " better shot", " prior"), 1 / 3) | {
-    " pose": 1 / 6
-}
+_OF_STARTS |= dict.fromkeys((*_RARE, "understated", "overstated", "pose"), 1 / 3)
+_OF_OTHERS = dict.fromkeys(("", " views", *(f" {one}" for one in _RARE)), 1 / 3) | {" pose": 1 / 6}
 WEIGHTS = {
     f"{kind} {noise}": weight
     for of, weights in (("", _OF_STARTS), ("other", _OF_OTHERS))
@@ -70,40 +53,20 @@ _OTHERS, _MOST_OF_OTHERS = 2.0, 2 / 3
 the weights above. Of what was tried the answers for patients left out had the least log loss with this. With more, more
 others are refused who are seen as clouds, and right is told from wrong less well."""
 _GROUPS = 6
-_TRIALS = ("naris.bench.trials", "naris.bench.problems", "naris.register.noise", "naris.register.observation")
+_TRIALS = (
+    "naris.bench.trials",
+    "naris.bench.problems",
+    "naris.register.map",
+    "naris.register.noise",
+    "naris.register.observation",
+    "naris.anatomy.builtin.variation",
+)
 _OF_COVARIANCE = {
     "depth": ("none b", "none c"),
     "several": ("views b", "views c"),
     "points": ("none d", f"none {FREE_POINTS}"),
     "points_several": ("views d", f"views {FREE_POINTS}", f"shot {FREE_POINTS}"),
 }
-_ENDLESS = 1e9  # JSON has no word for it; for features it is the same
-_FEW_POINTS = (30, 250)
-_SHOT_VIEWS, _SHOT_POINTS = (2, 8), (60, 300)
-_PRIOR_SD = 0.1  # of the logarithm of the scale
-MISTOLD = (0.6, 1.7)
-"""What the deviations of the noise are multiplied with where they are told wrong."""
-
-
-class Row(NamedTuple):
-    """One registration for the fit.
-
-    Attributes:
-        kind: how it began with which noise.
-        evidence: what spoke for it.
-        right: whether it was.
-        normalised: the square of its error over the covariance, a degree of freedom; 1 on average where that is right.
-    """
-
-    kind: str
-    evidence: Evidence
-    right: bool
-    normalised: float
-
-    def to_json(self) -> list[object]:
-        """Its parts in their order."""
-        evidence = {name: min(value, _ENDLESS) for name, value in asdict(self.evidence).items()}
-        return [self.kind, evidence, self.right, self.normalised]
 
 
 def main(part: int = 0, parts: int = 1) -> None:
@@ -121,6 +84,7 @@ def main(part: int = 0, parts: int = 1) -> None:
     of, kind, evidence, right, normalised = columns
     x = np.array([confidence.features(Evidence(**one)) for one in evidence])
     y, w = right.astype(float), np.array([WEIGHTS[one] for one in kind])
+    few = np.array([one["few"] for one in evidence])
     weights, bias = _fit(kind, x, y, w)
     write_json(
         OUT,
@@ -137,150 +101,17 @@ def main(part: int = 0, parts: int = 1) -> None:
             "rows": [hashlib.sha256(_kept(number).read_bytes()).hexdigest()[:12] for number in range(PATIENTS)],
             "weights": weights.tolist(),
             "bias": bias,
+            "few": _of_few(x @ weights + bias, few, y, w).tolist(),
             "covariance": _of_covariance(kind, right, normalised),
-            "left_out": _of_left_out(of, kind, x, y, w),
+            "left_out": _of_left_out(of, kind, (x, few), y, w),
         },
     )
 
 
-def of_patient(number: int) -> Iterator[Row]:
-    """All that is registered of a patient's views."""
-    nose = virtual_patient(SEED, number)
-    at, other = registration_map(nose), registration_map(virtual_patient(SEED, (number - 1) % PATIENTS))
-    regions = nose.region_set()
-    for view, trial in enumerate(drawn_trials(nose, VIEWS, SEED + number)):
-        region = regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))]
-        if view % 3 == 0:
-            several = problem(at, trial, "b", "views3", view).look()
-            yield one("views b", at, several, NOTHING, trial, RegisterConfig(seed=view))
-            yield one("other views b", other, several, NOTHING, trial, RegisterConfig(seed=view))
-        for noise in ALL:
-            seen = trial.observation(noise)
-            yield one(f"none {noise}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
-            if view % 2 == 0:
-                yield one(f"region {noise}", at, seen, in_region(regions, region), trial, RegisterConfig(seed=view))
-            else:
-                yield one(f"other {noise}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
-            for factor in MISTOLD if view % 5 == 3 else ():
-                told = replace(
-                    seen, radial=factor * seen.radial, isotropic=factor * seen.isotropic, smooth=factor * seen.smooth
-                )
-                yield one(f"mistold {noise}", at, told, NOTHING, trial, RegisterConfig(seed=view))
-    yield from _better_and_several(nose, at, other, SEED + number)
-    yield from _from_pose(nose, at, other, SEED + number)
-    yield from _of_few_points(nose, at, other, SEED + number)
-    yield from _of_reconstructions(nose, at, other, SEED + number)
-    yield from _of_better_reconstructions(nose, at, other, SEED + number)
-
-
-def _from_pose(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
-    for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
-        for noise in ALL[1:]:
-            look, belief, config = problem(at, trial, noise, "pose", view)
-            yield one(f"pose {noise}", at, look(), belief, trial, config)
-            if view % 2 == 1:
-                yield one(f"other pose {noise}", other, look(), belief, trial, config)
-
-
-def _of_few_points(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
-    rng = np.random.default_rng([seed, 10])
-    for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
-        for noise in ("d", FREE_POINTS) if view % 5 in (0, 4) else ():
-            seen = trial.observation(noise).some(int(rng.integers(*_FEW_POINTS)))
-            yield one(f"few {noise}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
-            yield one(f"other few {noise}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
-
-
-def _of_reconstructions(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
-    """Points of several views in a unit of their own, or of one with a prior of its scale."""
-    rng = np.random.default_rng([seed, 11])
-    for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
-        if view % 5 == 4:
-            continue
-        if view % 5 == 1:
-            kind, seen = "views", problem(at, trial, FREE_POINTS, "views3", view).look()
-        elif view % 5 in (0, 3):
-            kind, seen = "shot", as_reconstructed(nose, trial, rng)
-        else:
-            factor = float(np.exp(_PRIOR_SD * rng.standard_normal())) / trial.scale
-            prior = Scale("prior", factor=factor, sd_log=_PRIOR_SD)
-            kind, seen = "prior", replace(trial.observation(FREE_POINTS), scale=prior)
-        yield one(f"{kind} {FREE_POINTS}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
-        yield one(f"other {kind} {FREE_POINTS}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
-
-
-def _of_better_reconstructions(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
-    """Of less noise than said: whoever takes a usual one for it says too much more often than too little."""
-    rng = np.random.default_rng([seed, 12])
-    for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
-        if view % 5 == 4:
-            seen = as_reconstructed(nose, trial, rng, better=True)
-            yield one(f"better shot {FREE_POINTS}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
-            yield one(f"other better shot {FREE_POINTS}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
-
-
-def as_reconstructed(nose: Anatomy, trial: Trial, rng: np.random.Generator, *, better: bool = False) -> Observation:
-    """Some points of several views about that of a trial, in one unit."""
-    views, rig_T_camera = neighbours_of(nose, trial, int(rng.integers(*_SHOT_VIEWS)), int(rng.integers(2**31)))
-    of_each = int(rng.integers(*_SHOT_POINTS))
-    if better:
-        factor = rng.uniform(0.0, 0.5)
-        views = [replace(one, points=_better_points(one, factor, rng)) for one in views]
-    return several([replace(one, points=one.points[:of_each]) for one in views], rig_T_camera, FREE_POINTS)
-
-
-def _better_and_several(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
-    rng = np.random.default_rng([seed, 9])
-    for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
-        if view % 5 not in (1, 2):
-            continue
-        for noise in ALL[1:]:
-            seen = better_than_said(trial, noise, rng)
-            yield one(f"better {noise}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
-            yield one(f"other better {noise}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
-        for noise in ("c", "d") if view % 5 == 1 else ():
-            several = problem(at, trial, noise, "views3", view).look()
-            yield one(f"views {noise}", at, several, NOTHING, trial, RegisterConfig(seed=view))
-            yield one(f"other views {noise}", other, several, NOTHING, trial, RegisterConfig(seed=view))
-
-
-def better_than_said(trial: Trial, noise: Noise, rng: np.random.Generator) -> Observation:
-    """Told as noise b to e, with up to half of it: as of who is careful, or does not know how good a cloud is."""
-    exact = trial.ranges["a"]
-    if noise in ("b", "c"):
-        better = exact + rng.uniform(0.0, 0.5) * (trial.ranges["b"] - exact)
-        return replace(trial, ranges={"b": better, "c": trial.scale * better}).observation(noise)
-    return replace(trial, points=_better_points(trial, None, rng)).observation(noise)
-
-
-def _better_points(trial: Trial, factor: float | None, rng: np.random.Generator) -> np.ndarray:
-    """As many points without outliers, their noise times a factor, which is drawn where there is none."""
-    exact = trial.ranges["a"]
-    chosen = rng.choice(np.flatnonzero(np.isfinite(exact)), len(trial.points), replace=False)
-    points = trial.rays.reshape(-1, 3)[chosen] * exact.reshape(-1, 1)[chosen]
-    factor = rng.uniform(0.0, 0.5) if factor is None else factor
-    return np.asarray(points + factor * POINT_MM * rng.standard_normal(points.shape))
-
-
-def one(kind: str, at: RegistrationMap, seen: Observation, belief: Belief, trial: Trial, config: RegisterConfig) -> Row:
-    """One registration, judged by the truth; to another patient it is wrong wherever it ends."""
-    kept = []
-
-    def keep(evidence: Evidence) -> float:
-        kept.append(evidence)
-        return 0.5
-
-    registration.probability, registration.covariance_factor = keep, lambda _: 1.0
-    result = register(at, seen, belief, config)
-    off_mm, off_rad = distance(result.best, trial.anatomy_T_camera)
-    square = normalised_square(result.best, trial.anatomy_T_camera, result.covariance)
-    right = bool(off_mm <= 2.0 and np.rad2deg(off_rad) <= 5.0) and not kind.startswith("other")
-    return Row(kind, kept[0], right, square)
-
-
 def _kept(number: int) -> Path:
     """Where the rows of a patient are kept; other sources, other rows."""
-    return ROOT / "out" / "confidence" / search_digest(_TRIALS) / f"{SEED}-{number}.json"
+    made_by = hashlib.sha256((Path(__file__).parent / "confidence_rows.py").read_bytes()).hexdigest()[:12]
+    return ROOT / "out" / "confidence" / f"{search_digest(_TRIALS)}-{made_by}" / f"{SEED}-{number}.json"
 
 
 def _fit(kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
@@ -291,13 +122,30 @@ def _fit(kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple
     return scale[0] * weights, scale[0] * bias + shift
 
 
-def _of_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> dict[str, object]:
+def _of_few(sure: np.ndarray, few: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """What is added to log odds times `Evidence.few`: a slope times them, and a shift."""
+    some = few > 0
+    sure, few, y, w = sure[some], few[some], y[some], w[some]
+
+    def loss(added: np.ndarray) -> float:
+        told = sure + few * (added[0] * sure + added[1])
+        return float(w @ (np.logaddexp(0.0, told) - y * told))
+
+    return np.asarray(minimize(loss, np.zeros(2)).x)
+
+
+def _of_left_out(
+    of: np.ndarray, kind: np.ndarray, seen: tuple[np.ndarray, np.ndarray], y: np.ndarray, w: np.ndarray
+) -> dict[str, object]:
     """What the benchmark would say of patients left out of the fit, six groups in turn; features were chosen by it."""
+    x, few = seen
     said = np.zeros(len(y))
     for group in range(_GROUPS):
         left_out = of % _GROUPS == group
         weights, bias = _fit(kind[~left_out], x[~left_out], y[~left_out], w[~left_out])
-        said[left_out] = 1 / (1 + np.exp(-(x[left_out] @ weights + bias)))
+        sure = x @ weights + bias
+        slope, shift = _of_few(sure[~left_out], few[~left_out], y[~left_out], w[~left_out])
+        said[left_out] = 1 / (1 + np.exp(-(sure + few * (slope * sure + shift))[left_out]))
     final = np.isin(kind, ["none b", "none c", "none d"])
     p, right = said[final], y[final] > 0
     first = np.argsort(-p, kind="stable")[: round(0.8 * len(p))]
@@ -314,13 +162,16 @@ def _of_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarray,
 
 
 def _of_least(accepted: np.ndarray, final: np.ndarray, kind: np.ndarray, y: np.ndarray) -> dict[str, object]:
-    """How often a pose is wrong where accepted, right and accepted, and refused where it is another patient's."""
+    """How often a pose is wrong where accepted (none b, c and d together, and each kind by itself), right and accepted,
+    and refused where it is another patient's."""
     kinds = sorted(set(kind.tolist()))
+    own = [one for one in kinds if not one.startswith("other")]
     return {
         "wrong_of_accepted": float(1 - y[final & accepted].mean()),
-        "right_and_accepted": {
-            one: float((y * accepted)[kind == one].mean()) for one in kinds if not one.startswith("other")
+        "wrong_of_accepted_by_kind": {
+            one: float(1 - y[(kind == one) & accepted].mean()) for one in own if accepted[kind == one].any()
         },
+        "right_and_accepted": {one: float((y * accepted)[kind == one].mean()) for one in own},
         "refused": {one: float(1 - accepted[kind == one].mean()) for one in kinds if one.startswith("other")},
     }
 

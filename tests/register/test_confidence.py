@@ -33,6 +33,7 @@ GOOD = Evidence(
     through=0.0,
     waves=1.0,
     ripples=1.0,
+    few=0.0,
     agreement=0.5,
     scatter=0.1,
     astray=0.1,
@@ -80,6 +81,13 @@ def test_what_fits_nothing_has_a_probability_and_more_surprise_never_helps() -> 
     assert (np.diff(by_ripples) < 0).all()
     assert probability(replace(fits, through=0.3)) < by_surprise[0]
     assert np.isfinite([features(replace(fits, views=3, again=again)) for again in (True, False)]).all()
+
+
+def test_few_points_are_believed_less() -> None:
+    cloud = replace(GOOD, cloud=True, sd_mm=0.6, sd_deg=1.5, within=0.95)
+    told = [probability(replace(cloud, few=float(few))) for few in np.log([1.0, 2.0, 4.0, 8.0])]
+    assert told[0] > 0.9
+    assert (np.diff(told) < 0).all()
 
 
 def test_points_far_better_than_said_are_believed(prepared_nose, trials) -> None:

@@ -165,3 +165,12 @@ def test_what_began_beside_the_best_may_win(prepared_nose, trials, monkeypatch) 
         )
         assert distance(without.best, one.anatomy_T_camera)[0] > 2.0
     assert asked == [4, 2]
+
+
+def test_few_points_are_counted_of_a_single_cloud_and_of_nothing_else(trials) -> None:
+    cloud = trials[0].observation("d")
+    told = {count: evidence._few(cloud.rows(np.arange(count))) for count in (250, 125, 30)}
+    assert told == pytest.approx({250: 0.0, 125: np.log(2.0), 30: np.log(250 / 30)})
+    assert evidence._few(trials[0].observation("b").rows(np.arange(64))) == 0.0
+    apart = Pose(np.stack([np.eye(4), np.eye(4)]), CAMERA, CAMERA)
+    assert evidence._few(together([cloud.rows(np.arange(50)), cloud.rows(np.arange(60))], apart)) == 0.0

@@ -38,9 +38,17 @@ def test_nothing_is_drawn_on_a_stop_and_what_is_dark_within_is_drawn_on() -> Non
     y, x = np.mgrid[:60, :60] - 29.5
     stop = np.hypot(x, y) > 28
     frame[stop] = 3
-    frame[20:40, 20:40] = 0
+    frame[20:40, :40] = 0  # up to the stop
     depth = np.full((60, 60), 5.0)
-    depth[:, 30:] = 10.0
+    depth[:, 25:] = 10.0
     drawn = (overlay(frame, depth) != frame).any(axis=2)
-    assert not drawn[stop].any()
+    assert not drawn[np.hypot(x, y) > 31].any()
     assert drawn[20:40].any(axis=1).all()
+
+
+def test_a_dark_half_of_a_picture_without_a_stop_is_drawn_on() -> None:
+    frame = np.full((60, 60, 3), 90, np.uint8)
+    frame[:, :30] = 0
+    depth = np.full((60, 60), 5.0)
+    depth[:, 15:] = 10.0
+    assert (overlay(frame, depth) != frame).any(axis=(1, 2)).all()

@@ -135,6 +135,12 @@ def test_orientations_that_cannot_be_are_refused():
             Orientation(**wrong)
 
 
+@pytest.mark.parametrize("least", [80.0, -0.1, float("nan")])
+def test_a_threshold_that_is_no_probability_is_refused(least) -> None:
+    with pytest.raises(InputError, match="a probability from 0 to 1"):
+        RegisterConfig(least_probability=least)
+
+
 def test_a_scale_that_ends_at_its_limit_is_no_answer(prepared_nose, trials):
     """The truth lies a little beyond what was sought, and poses that nearly fit are sure enough but for that."""
     limited = Scale("unknown", low=0.4, high=1.45)

@@ -21,6 +21,7 @@ SOLVED_POINTS = 400
 """Of one solve that is timed."""
 FROM_POSE = RegisterConfig(starts=8, finalists=1, aside=0)
 _NEAR_MM, _NEAR_RAD = 2.0, np.deg2rad(10.0)
+_NEAR_COVARIANCE = np.diag([(_NEAR_MM / 2) ** 2] * 3 + [(_NEAR_RAD / 2) ** 2] * 3)
 
 
 class Problem(NamedTuple):
@@ -39,7 +40,7 @@ def problem(at: RegistrationMap, trial: Trial, noise: Noise, start: Start, seed:
         trial: one view; more are made beside it for `views3`.
         noise: of what is seen.
         start: the true region; nothing; a pose within 2 mm and 10° of the truth; or three views and nothing else.
-        seed: of what is drawn; starts beside a pose are the same draws for every trial.
+        seed: of what is drawn: the pose that is told, views beside the first, starts.
     """
     look, config = partial(trial.observation, noise), RegisterConfig(seed=seed)
     if start == "region":
@@ -47,20 +48,23 @@ def problem(at: RegistrationMap, trial: Trial, noise: Noise, start: Start, seed:
         name = regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))]
         return Problem(look, in_region(regions, name), config)
     if start == "pose":
-        return Problem(look, near_truth(trial, np.random.default_rng([seed, 6])), FROM_POSE)
+        return Problem(look, near(told_pose(trial, seed), _NEAR_COVARIANCE[None]), FROM_POSE)
     if start == "views3":
         views, rig_T_camera = neighbours_of(at.anatomy, trial, 2, seed)
         return Problem(partial(several, views, rig_T_camera, noise), NOTHING, config)
     return Problem(look, NOTHING, config)
 
 
-def near_truth(trial: Trial, rng: np.random.Generator) -> Belief:
+def told_pose(trial: Trial, seed: int) -> Pose:
+    """The pose near the truth that a trial from a pose begins with."""
+    return near_truth(trial, np.random.default_rng([seed, 6]))
+
+
+def near_truth(trial: Trial, rng: np.random.Generator) -> Pose:
     """A pose at random within 2 mm and 10° of the truth."""
     step = rng.standard_normal((2, 3))
     step *= (rng.random((2, 1)) * np.array([[_NEAR_MM], [_NEAR_RAD]])) / np.linalg.norm(step, axis=1, keepdims=True)
-    moved = trial.anatomy_T_camera @ Pose.exp(step.ravel(), CAMERA, CAMERA)
-    spread = np.diag([(_NEAR_MM / 2) ** 2] * 3 + [(_NEAR_RAD / 2) ** 2] * 3)
-    return near(moved, spread[None])
+    return trial.anatomy_T_camera @ Pose.exp(step.ravel(), CAMERA, CAMERA)
 
 
 def several(views: Sequence[Trial], rig_T_camera: Pose, noise: Noise) -> Observation:

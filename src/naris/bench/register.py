@@ -19,7 +19,7 @@ from jaxtyping import Bool
 
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench import BenchRequest, Measurement, cissticp, contours, deformable, peer_trials, pictures, shot
-from naris.bench.problems import SOLVED_POINTS, Start, near_truth, problem
+from naris.bench.problems import SOLVED_POINTS, Start, near_truth, problem, told_pose
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import (
     FREE_POINTS,
@@ -74,6 +74,7 @@ SEARCH = (
 """Sources in `naris.register` that decide where a registration of an observation ends and what speaks for it."""
 _STRANGE: tuple[Noise, ...] = ("a", "b", "c", "d", FREE_POINTS)
 _ONE_VIEW: tuple[Start, ...] = ("region", "none")
+_APART = 1000  # seeds of one patient's views from those of the next, and from those that the confidence is fitted on
 _REPEATS = 200
 
 
@@ -111,10 +112,11 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """An anatomy, prepared once for all its trials, and those."""
+    """An anatomy, prepared once for all its trials, those, and the seed of the first of them."""
 
     at: RegistrationMap
     trials: Sequence[Trial]
+    seed: int
 
 
 def measure(request: BenchRequest) -> Measurement:
@@ -149,6 +151,7 @@ def of_trials(request: BenchRequest) -> list[Figure]:
                 known[f"{start}.{noise}{suffix}"] = done
                 figures += _of(f"register.{start}.{noise}{suffix}", done, start, noise)
         figures += _of(f"register.pose.b{suffix}", _run(request, f"pose b{suffix}", settings, "b", "pose"), "pose", "b")
+        figures.append(_right_at_start(f"register.pose.b{suffix}.right_at_start", settings))
         for noise in NOISES:
             done = _run(request, f"three views {noise}{suffix}", settings, noise, "views3")
             known[f"views3.{noise}{suffix}"] = done
@@ -167,12 +170,15 @@ def _sets(request: BenchRequest) -> list[tuple[str, list[Setting]]]:
     with request.progress.task("virtual patients", count) as advance:
         for number in range(count):
             nose = virtual_patient(_OTHERS + request.seed, number)
-            patients.append(Setting(registration_map(nose), drawn_trials(nose, views, request.seed + number)))
+            seen = drawn_trials(nose, views, request.seed + number)
+            patients.append(Setting(registration_map(nose), seen, request.seed + _APART * (number + 1)))
             advance(1)
     sets = [(OF_PATIENTS, patients)]
     if request.scans is not None and has_frozen(request.scans):
         mean, trials = frozen_setting(request.scans)
-        sets.append(("", [Setting(registration_map(mean), trials[:QUICK_VIEWS] if request.quick else trials)]))
+        sets.append(
+            ("", [Setting(registration_map(mean), trials[:QUICK_VIEWS] if request.quick else trials, request.seed)])
+        )
     return sets
 
 
@@ -182,7 +188,7 @@ def _run(request: BenchRequest, what: str, settings: Sequence[Setting], noise: N
         for setting in settings:
             at = setting.at
             for number, trial in enumerate(setting.trials):
-                done.append(_once(at, trial, noise, start, request.seed + number))
+                done.append(_once(at, trial, noise, start, setting.seed + number))
                 advance(1)
     return done
 
@@ -197,6 +203,17 @@ def _once(at: RegistrationMap, trial: Trial, noise: Noise, start: Start, seed: i
     marks = list(at.anatomy.landmarks_mm.values())
     tre_mm = float(target_errors_mm(result.best, trial.anatomy_T_camera, np.stack(marks)).mean()) if marks else None
     return Outcome(float(off_mm), float(np.rad2deg(off_rad)), spent, result, normalised, tre_mm)
+
+
+def _right_at_start(name: str, settings: Sequence[Setting]) -> Figure:
+    """How many of the poses near the truth that are told count as right before anything is solved."""
+    right = []
+    for setting in settings:
+        for number, trial in enumerate(setting.trials):
+            told = told_pose(trial, setting.seed + number)
+            off_mm, off_rad = distance(told, trial.anatomy_T_camera)
+            right.append(off_mm <= 2.0 and np.rad2deg(off_rad) <= 5.0)
+    return Figure(name, float(np.mean(right)), "1", len(right), "higher")
 
 
 def _of(name: str, done: Sequence[Outcome], start: str, noise: str) -> list[Figure]:
@@ -257,8 +274,7 @@ def _solve_ms(setting: Setting) -> Figure:
     """One coarse solve of as many points as the issue names, from poses beside the truth."""
     at, trial = setting.at, setting.trials[0]
     rng = np.random.default_rng(7)
-    beliefs = [near_truth(trial, rng).poses for _ in range(_REPEATS)]
-    poses = np.concatenate([pose.matrix for pose in beliefs if pose is not None])
+    poses = np.stack([near_truth(trial, rng).matrix for _ in range(_REPEATS)])
     starts = Starts(poses, np.zeros(len(poses)))
     seen = trial.observation("b").some(SOLVED_POINTS)
     coarse(at, seen, starts, most_rays=SOLVED_POINTS, every=True)
@@ -310,7 +326,7 @@ def _mirrored(request: BenchRequest, settings: Sequence[Setting]) -> Figure:
 
 def _stranger(request: BenchRequest) -> Setting:
     nose = virtual_patient(_OTHERS + request.seed, PATIENTS)
-    return Setting(registration_map(nose), ())
+    return Setting(registration_map(nose), (), request.seed)
 
 
 def _warm_up(setting: Setting) -> None:

@@ -100,8 +100,10 @@ def refusal(evidence: Evidence, chance: float, least: float) -> str | None:
 
 def probability(evidence: Evidence) -> float:
     """Of being within 2 mm and 5° of the truth, in an anatomy and with noise as in the simulated trials."""
-    weights, bias = _fitted()
-    chance = float(1 / (1 + np.exp(-np.clip(features(evidence) @ weights + bias, -30, 30))))
+    weights, bias, of_few = _fitted()
+    sure = float(features(evidence) @ weights + bias)
+    sure += evidence.few * float(of_few @ (sure, 1.0))
+    chance = float(1 / (1 + np.exp(-np.clip(sure, -30, 30))))
     return min(chance, _HARDLY) if evidence.explained < _LEAST_EXPLAINED else chance
 
 
@@ -116,8 +118,9 @@ def covariance_factor(observation: Observation) -> float:
     return float(factors["depth" if observation.views == 1 else "several"])
 
 
-def _fitted() -> tuple[Float[np.ndarray, "f"], float]:
-    return np.array(_file()["weights"]), float(_file()["bias"])
+def _fitted() -> tuple[Float[np.ndarray, "f"], float, Float[np.ndarray, "2"]]:
+    """Weights and bias of the log odds; and, times `Evidence.few`, the slope and shift that few points take off."""
+    return np.array(_file()["weights"]), float(_file()["bias"]), np.array(_file()["few"])
 
 
 @lru_cache(maxsize=1)

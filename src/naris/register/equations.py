@@ -30,7 +30,8 @@ _ROOT = 0.3989422804014327  # 1/√(2π)
 
 _part_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
 _inline_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, forceinline=True)
-_raw_njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False)
+_raw_njit = njit(nogil=True, fastmath=True, error_model="numpy", boundscheck=False, _nrt=False)
+_kept_njit = njit(cache=True, nogil=True, fastmath=True, error_model="numpy", boundscheck=False)
 
 
 class Rays(NamedTuple):
@@ -170,6 +171,12 @@ def cast(embree, rays, pose, scale, memory):
         store(memory.ray, at, ray[0])
         store(memory.ray, n + at, ray[1])
         store(memory.ray, 2 * n + at, ray[2])
+
+
+@_kept_njit
+def cast_alone(sources, embree, rays, pose, scale, memory):
+    """`cast` for whoever calls it from outside; `sources` as those of `naris.register.steps.Sight`."""
+    cast(embree, rays, pose, scale, memory)
 
 
 @_inline_njit

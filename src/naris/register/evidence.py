@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from naris.register.equations import cast
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
 from naris.register.predictive import surprise
-from naris.register.rays import memory_for, prepared, ranges_met
+from naris.register.rays import cast_rays, memory_for, prepared, ranges_met
 from naris.register.smooth import smooth_error
 from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, alike, apart
 
@@ -21,6 +20,7 @@ _EXPLAINED_SD, _TRUNCATED = 3.0, 0.9866  # the latter: of a normal error within 
 _NEIGHBOURS = (1, 2)
 _WAVE_DEG, _WAVES, _RIPPLE_DEG, _RIPPLES = 20.0, 12, 9.0, 48  # how far they reach and how many, in a view
 _POINTS_A_WAVE = 4  # at least, or functions follow any noise
+_ENOUGH, _FEWEST = 250, 2.2  # points of a view; of fewer than some thirty it is no worse
 _SAME_MM, _SAME_RAD = 1.0, 0.09
 _LEAST_COSINE = 0.05
 _WITHIN_MM, _WITHIN_RAD = 2.0, np.deg2rad(5.0)
@@ -70,6 +70,7 @@ class Evidence:
         surprise: how much dearer points are than points drawn at the best pose; 0 for depth.
         cloud: whether points were seen, which are off in every direction.
         views: how many.
+        few: how many fewer points than 250 a single view has, as the logarithm of the ratio; else 0.
         free: whether the scale was free.
         clearance_mm: of the camera.
     """
@@ -95,6 +96,7 @@ class Evidence:
     surprise: float
     cloud: bool
     views: int
+    few: float
     free: bool
     clearance_mm: float
 
@@ -142,6 +144,7 @@ class Evidence:
             surprise=surprise(at, observation, solutions, rng) if observation.is_cloud else 0.0,
             cloud=observation.is_cloud,
             views=observation.views,
+            few=_few(observation),
             free=observation.scale.free,
             clearance_mm=float(at.distance(pose[:3, 3])),
         )
@@ -155,6 +158,11 @@ def chance_within(covariance: Float[np.ndarray, "6 6"]) -> float:
         np.linalg.norm(twists[:, 3:], axis=1) <= _WITHIN_RAD
     )
     return float((is_within.sum() + 0.5) / (_DRAWS + 1))
+
+
+def _few(observation: Observation) -> float:
+    is_single_cloud = observation.is_cloud and observation.views == 1
+    return float(np.clip(np.log(_ENOUGH / len(observation)), 0.0, _FEWEST)) if is_single_cloud else 0.0
 
 
 class _Around(NamedTuple):
@@ -212,7 +220,7 @@ def _fit(at: RegistrationMap, observation: Observation, pose: Float[np.ndarray, 
     """How well a pose explains the rays, each by itself."""
     rays = prepared(at, observation, fine=False).rays
     memory = memory_for(rays)
-    cast(at.embree, rays, pose, scale, memory)
+    cast_rays(at.embree, rays, pose, scale, memory)
     real = rays.valid != 0
     wall = ranges_met(rays, memory)
     met = np.isfinite(wall)

@@ -63,10 +63,16 @@ def overlay(picture: UInt8[np.ndarray, "h w 3"], depth: Float[np.ndarray, "h w"]
 
 
 def _behind_stop(picture: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
-    """What is black from a corner on."""
-    _, part = cv2.connectedComponents((picture.max(axis=2) <= _BLACK).astype(np.uint8))
-    corners = {int(part[row, column]) for row in (0, -1) for column in (0, -1)} - {0}
-    return np.isin(part, list(corners))
+    """What lies outside the circle around all that is lit, where the four corners are black.
+
+    A dark passage belongs to the picture, also where it touches the stop.
+    """
+    lit = cv2.erode((picture.max(axis=2) > _BLACK).astype(np.uint8), np.ones((3, 3), np.uint8))
+    if lit[[0, 0, -1, -1], [0, -1, 0, -1]].any() or not lit.any():
+        return np.zeros(lit.shape, dtype=bool)
+    (x, y), radius = cv2.minEnclosingCircle(cv2.findNonZero(lit))
+    v, u = np.mgrid[: lit.shape[0], : lit.shape[1]]
+    return np.hypot(u - x, v - y) > radius + 2
 
 
 def refused(

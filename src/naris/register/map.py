@@ -14,9 +14,8 @@ from naris.core.anatomy import Anatomy, Between
 from naris.core.kept import Kept
 from naris.errors import SurfaceError
 from naris.register.directions import texel_directions
-from naris.register.equations import cast
 from naris.register.map_file import MapArrays, map_file, read_map, write_map
-from naris.register.rays import memory_for, ranges_met, rays_of
+from naris.register.rays import cast_rays, memory_for, ranges_met, rays_of
 from naris.register.threads import spread
 from naris.render.embree import ARGUMENTS, SCATTERED, PacketScene, library
 from naris.render.geometry import geometry_of
@@ -146,7 +145,7 @@ def _panoramas(embree: Embree, places_mm: Float[np.ndarray, "p 3"]) -> UInt8[np.
         memory, pose = memory_for(rays), np.eye(4)
         for k in range(first, last):
             pose[:3, 3] = places_mm[k]
-            cast(embree, rays, pose, 1.0, memory)
+            cast_rays(embree, rays, pose, 1.0, memory)
             seen[k] = quantised(ranges_met(rays, memory))
 
     spread(look, len(places_mm))

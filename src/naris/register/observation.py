@@ -72,7 +72,7 @@ class Observation:
         return int(self.view[-1]) + 1
 
     def some(self, most: int) -> Observation:
-        """At most so many of its rays, evenly chosen of each view."""
+        """About so many of its rays, evenly chosen of each view; no more than that of one."""
         if len(self) <= most:
             return self
         return self.rows(_evenly(self.view, most))

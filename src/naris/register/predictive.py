@@ -10,10 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from naris.register.equations import cast
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
-from naris.register.rays import REACH, memory_for, prepared, ranges_met
+from naris.register.rays import REACH, cast_rays, memory_for, prepared, ranges_met
 from naris.register.solve import Solutions, judged
 from naris.register.starts import Starts
 
@@ -34,7 +33,7 @@ def drawn_again(at: RegistrationMap, observation: Observation, best: Starts, rng
     scale = float(np.exp(best.log_scales[0]))
     rays = prepared(at, observation, fine=False).rays
     memory = memory_for(rays)
-    cast(at.embree, rays, best.poses[0], scale, memory)
+    cast_rays(at.embree, rays, best.poses[0], scale, memory)
     n, wall = len(observation), ranges_met(rays, memory) / scale
     met = np.isfinite(wall)
     points = observation.directions * np.where(met, wall, 0.0)[:, None]

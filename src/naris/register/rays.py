@@ -12,13 +12,25 @@ from jaxtyping import Float
 
 from naris.register.cloud import lattice_of, no_cloud
 from naris.register.cloud_equations import Cloud
-from naris.register.equations import BLOCKS, CLOUD, MOST_UNKNOWNS, ON_RAY, RANGES, ROW, Memory, Model, Rays, Work
+from naris.register.equations import (
+    BLOCKS,
+    CLOUD,
+    MOST_UNKNOWNS,
+    ON_RAY,
+    RANGES,
+    ROW,
+    Memory,
+    Model,
+    Rays,
+    Work,
+    cast_alone,
+)
 from naris.register.observation import Observation
 from naris.register.smooth import SmoothError, smooth_error
 from naris.register.steps import Sight
 from naris.render.fast import aligned
 from naris.render.lanes import LANES
-from naris.render.packets import PACKET_FIELDS, Packet
+from naris.render.packets import PACKET_FIELDS, Embree, Packet
 from naris.render.sources import OF_PACKETS, sources_of
 
 if TYPE_CHECKING:
@@ -138,6 +150,11 @@ def sight(at: RegistrationMap, seen: Prepared, *, scattered: bool = False) -> Si
     return Sight(embree, seen.rays, seen.model, memory_for(seen.rays), seen.cloud, _sources())
 
 
+def cast_rays(embree: Embree, rays: Rays, pose: Float[np.ndarray, "4 4"], scale: float, memory: Memory) -> None:
+    """What the rays meet from a pose (`anatomy_T_rig`, origins times the scale), left in `memory` (`ranges_met`)."""
+    cast_alone(_sources(), embree, rays, pose, scale, memory)
+
+
 def memory_for(rays: Rays) -> Memory:
     """Working memory for one thread."""
     wide, narrow = aligned(PACKET_FIELDS * LANES, np.float32), aligned(PACKET_FIELDS * LANES, np.float32)
@@ -152,7 +169,7 @@ def memory_for(rays: Rays) -> Memory:
 
 
 def ranges_met(rays: Rays, memory: Memory) -> Float[np.ndarray, "n"]:
-    """How far away the wall is that each ray met (mm), after `cast`; infinite where it left the anatomy.
+    """How far away the wall is that each ray met (mm), after `cast_rays`; infinite where it left the anatomy.
 
     Such a ray has no normal.
     """

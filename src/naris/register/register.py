@@ -53,6 +53,8 @@ class RegisterConfig:
             raise InputError(
                 "at least one start and one finalist, and none or more beside the best", f"{self}", "correct them"
             )
+        if not 0 <= self.least_probability <= 1:
+            raise InputError("a probability from 0 to 1", f"{self.least_probability:g}", "give 0.8 for 80 %")
 
 
 def register(

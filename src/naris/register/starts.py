@@ -16,10 +16,9 @@ from naris.core.results import Prediction
 from naris.errors import InputError, PoseError, RegionError
 from naris.register.compare import Fits, Search, compare
 from naris.register.directions import rotations, texels
-from naris.register.equations import cast
 from naris.register.map import TEXELS, RegistrationMap, factor_of, quantised, steps_of
 from naris.register.observation import Observation
-from naris.register.rays import memory_for, ranges_met, rays_of
+from naris.register.rays import cast_rays, memory_for, ranges_met, rays_of
 from naris.register.threads import spread
 from naris.render.sources import OF_PACKETS, sources_of
 
@@ -180,7 +179,7 @@ def _scales_at(
         else logs[0] + _PRIOR_SD * np.array([-scale.sd_log, scale.sd_log])
     )
     for k, pose in enumerate(poses):
-        cast(at.embree, rays, pose, 1.0, memory)
+        cast_rays(at.embree, rays, pose, 1.0, memory)
         wall = ranges_met(rays, memory)
         met = np.isfinite(wall)
         if met.any():
