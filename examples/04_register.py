@@ -2,7 +2,7 @@
 
     python examples/04_register.py [FOLDER]
 
-Depth here is rendered, and made worse as a depth network makes it; yours may come from anywhere, in mm or not.
+Depth here is rendered and given noise; yours may come from anywhere, in mm or not.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ def main(folder: Path) -> None:
     view = render(scene, true, camera, ENDOSCOPE)
 
     # Say what the noise is: the answer is only as good as that. Here 0.3 mm a pixel, and a factor that nobody knows.
-    depth_mm = view.depth_mm[0] + 0.3 * rng.standard_normal(view.depth_mm[0].shape)
+    exact_mm = view.depth_mm[0]
+    depth_mm = np.where(exact_mm > 0, exact_mm + 0.3 * rng.standard_normal(exact_mm.shape), 0.0)
     seen = from_depth(1.7 * depth_mm, camera, DepthNoise(pixel_mm=1.7 * 0.3), UNKNOWN)
 
     for anatomy in (nose, other):
@@ -45,12 +46,12 @@ def main(folder: Path) -> None:
         if found.anatomy_T_camera is None:  # never a silent pose: say why, and go without
             print(f"  {found.reason}")
             continue
-        off_mm, off_rad = distance(found.anatomy_T_camera, true)
+        off_mm, off_rad = distance(found.anatomy_T_camera, true)  # here known; in use it is not
         sd_mm = np.sqrt(np.diag(found.covariance)[:3])
         print(f"  {off_mm:.2f} mm and {np.rad2deg(off_rad):.1f}° off, one unit is {found.scale:.3f} mm")
         print(f"  it says of itself: ± {sd_mm.round(2)} mm along the axes of the camera")
         folder.mkdir(parents=True, exist_ok=True)
-        walls = overlay(view.rgb[0], depth_from(scene, found.anatomy_T_camera, camera))
+        walls = overlay(view.rgb[0], depth_from(Scene(anatomy), found.anatomy_T_camera, camera))
         Image.fromarray(walls).save(folder / "overlay.png")
         print(f"  wrote {folder / 'overlay.png'}")
 
