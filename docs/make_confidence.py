@@ -46,7 +46,7 @@ WEIGHTS = {
     for kind, weight in ((of + start, weight) for start, weight in weights.items())
     for noise in ALL
 } | {"other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
-"""Other patients are rarer in use than here; of clouds they are the hardest to tell, and count twice for it. From a
+"""Other patients are rarer in use than here; single clouds of them are hard to tell, and count twice for it. From a
 pose the same is seen as from nothing, once more."""
 _OTHERS, _MOST_OF_OTHERS = 2.0, 2 / 3
 """How much more they count, and at most, where it is learnt what speaks for a pose. How sure that makes is told with

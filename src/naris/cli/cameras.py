@@ -20,6 +20,9 @@ def read_intrinsics(path: Path) -> Intrinsics:
         'give a JSON file such as {"width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5, '
         '"lens": {"kind": "pinhole"}}, or the dataset.json of a data set'
     )
+    if not path.is_file():
+        got, check = ("a folder", "give a file in it") if path.is_dir() else ("no such file", "check the path")
+        raise InputError(f"intrinsics at {path}", got, check)
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:

@@ -129,6 +129,10 @@ def run(options: Options, console: Console) -> int:
     with console.progress.task("registering", 1) as advance:
         found = _registered(options, at, seen, ground, belief)
         advance(1)
+    if options.region is not None:
+        from naris.register.named import unless_elsewhere
+
+        found = unless_elsewhere(found, regions, options.region)
     found, by_frame = _with_frame(options, found, (at, belief), seen, ground)
     data = _told(found, anatomy, seen.observation, options.method) | by_frame | {"model": believed}
     if options.out is not None:
@@ -325,19 +329,26 @@ def _text(data: dict[str, Any], doubts: list[str]) -> str:
     where = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in {data['anatomy']['frame']} of {data['anatomy']['name']}"
     strange = data["model"] is not None and not data["model"]["used"]
     unused = ["  the frame is unlike all that the model has seen: what it says of it was not used"] if strange else []
+    kept = [f"  kept in {file}" for file in data.get("files", [])]
+    off = data["scale_off_sd"]
+    is_far = off is not None and abs(off) > _FAR_OFF_SD
     if data["status"] == "refused":
-        return "\n".join([f"refused: {data['reason']}", f"  best guess near {where}, not to be used", *unused, *doubts])
+        guess = f"  best guess near {where}, not to be used"
+        odd = [f"  its scale is {data['scale']:.3g}, {abs(off):.1f} deviations from its prior"] if is_far else []
+        return "\n".join([f"refused: {data['reason']}", guess, *odd, *unused, *doubts, *kept])
     unit = "times what the network says" if data["picture_alone"] else "mm per unit"
-    scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} {unit}"
+    scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3g} {unit}"
     lines = [
         f"registered: camera at {where}, probability {data['probability']:.2f} to be within 2 mm and 5°{scale}",
         *unused,
     ]
     if (expected := data["expected_tre_mm"]) is not None:
         marks = [error for place, error in expected.items() if place != AHEAD]
-        there = f", {min(marks):.1f} to {max(marks):.1f} mm at the landmarks" if marks else ""
-        lines.append(f"  expected target registration error: {expected[AHEAD]:.1f} mm {AHEAD}{there}")
-    if (off := data["scale_off_sd"]) is not None and abs(off) > _FAR_OFF_SD:
+        there = f", {_mm(min(marks))} to {_mm(max(marks))} at the landmarks" if marks else ""
+        lines.append(f"  expected target registration error: {_mm(expected[AHEAD])} {AHEAD}{there}")
+    if data["picture_alone"]:
+        lines.append("  taken for granted: that the picture is of this anatomy; one tells little, look at the overlay")
+    if is_far:
         lines.append(f"  the scale lies {abs(off):.1f} deviations from its prior: see which of them is right")
     if (edges := data["contours"]) is not None:
         moved = f"moved by {edges['moved_mm']:.2f} mm and {edges['moved_deg']:.1f}°" if edges["used"] else "not moved"
@@ -348,5 +359,8 @@ def _text(data: dict[str, Any], doubts: list[str]) -> str:
         moved = f"moved by {shading['moved_mm']:.2f} mm and {shading['moved_deg']:.1f}°"
         other = "not moved, it is not shaded as the walls there: see that it is the right one"
         lines.append(f"  by the shading of the frame: {moved if shading['used'] else other}")
-    lines += [f"  kept in {file}" for file in data.get("files", [])]
-    return "\n".join(lines)
+    return "\n".join([*lines, *kept])
+
+
+def _mm(length: float) -> str:
+    return "less than 0.1 mm" if length < 0.1 else f"{length:.1f} mm"

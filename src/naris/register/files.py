@@ -65,7 +65,7 @@ def _read_cloud(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
             points = read_ply_points(path, content, normals=columns > 3)
         else:
             text = content.decode("utf-8", "strict").replace(",", " ")
-            points = np.array([[float(word) for word in line.split()[:columns]] for line in _lines(text)])
+            points = np.array([[float(word) for word in line.split()] for line in _lines(text)])
     except (ValueError, UnicodeDecodeError, EOFError) as error:
         raise InputError(
             f"points in {path.name}", f"something else ({error})", "give three numbers a line, a PLY or a .npy (N, 3)"

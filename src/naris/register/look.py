@@ -96,9 +96,10 @@ def refused(
 
 def shaded(depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
     """A depth image as colours, near bright: for a picture where there is none."""
-    known = depth[depth > 0]
-    far = float(np.quantile(known, _FAR_SHARE)) if known.size else 1.0
-    grey = np.where(depth > 0, 255 * np.clip(1 - depth / far, 0, 1) ** 0.7, 0).astype(np.uint8)
+    is_known = (depth > 0) & np.isfinite(depth)
+    far = float(np.quantile(depth[is_known], _FAR_SHARE)) if is_known.any() else 1.0
+    near = 1 - np.where(is_known, depth, far) / far
+    grey = np.where(is_known, 255 * np.clip(near, 0, 1) ** 0.7, 0).astype(np.uint8)
     return np.asarray(cv2.cvtColor(cv2.applyColorMap(grey, cv2.COLORMAP_MAGMA), cv2.COLOR_BGR2RGB))
 
 
