@@ -25,6 +25,7 @@ def test_a_quick_run_counts_all_that_was_tried() -> None:
     for kind in (pictures.NONE, pictures.REGION):
         assert told[f"register.picture.{kind}.success"].n == n
         assert (told[f"register.picture.{kind}.cpu_s"].value or 0) > 0
+    assert told["register.picture.along.success"].n == told["register.picture.along.wrong_patient.refused"].n == 1
     accepted = told["register.picture.accepted"]
     assert told["register.picture.false_accept"].n == round((accepted.value or 0) * accepted.n)
     assert (told["register.picture.wrong_patient.refused"].value or 0) >= 0.6

@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from naris.anatomy.builtin.variation import virtual_patient
+from naris.anatomy.distance import signed_distance
 from naris.bench import BenchRequest
 from naris.bench.result import Better, Figure, wilson
-from naris.bench.trials import FRAME_PX, Trial, drawn_trials, frame
+from naris.bench.trials import FRAME_PX, Trial, drawn_trials, frame, trials_at
 from naris.core.anatomy import Anatomy
 from naris.core.camera import Brown, Intrinsics, Pinhole
 from naris.core.pose import distance
@@ -29,11 +30,15 @@ from naris.register.map import RegistrationMap, registration_map
 from naris.register.picture import SEARCH, PictureConfig, register_picture
 from naris.register.starts import NOTHING, Belief, in_region
 from naris.render.scene import Scene
+from naris.render.viewpoints import INSPECTION, draw_views, passages_of, view_bank
 from naris.train.strangers import strangers
 
 PATIENTS, VIEWS, QUICK_PATIENTS, QUICK_VIEWS = 16, 10, 1, 2
+VIEWS_ALONG = 6
 NONE, REGION, OTHER, STRANGE = "none", "region", "other", "strange"
 """From nothing; from the true region; another patient's anatomy; a picture of something else."""
+ALONG, ALONG_OTHER = "along", "along_other"
+"""As an endoscopist looks, along the way: from nothing, and to another patient's anatomy."""
 
 PICTURE_SOLVER = (
     "naris.register.picture",
@@ -51,6 +56,7 @@ SHAPES = ((1.0, (42.0, 90.0)), (4 / 3, (42.0, 80.0)), (16 / 9, (42.0, 65.0)))
 """Width over height of pictures, and how high lenses for these see (degrees)."""
 
 _BARREL = 0.14  # at most so much of the way to the corner: from 4/27 on its ends bend out of view
+_ALONG = "register.picture.along"
 _SEEDS = 7_000_000  # of the patients, apart from those of the fits and the other benchmarks
 _STRANGE_EACH = 5
 _DARK = 40
@@ -61,7 +67,7 @@ class Pictured:
     """What a registration of a picture came to.
 
     Attributes:
-        kind: one of `NONE`, `REGION`, `OTHER` and `STRANGE`.
+        kind: one of `NONE`, `REGION`, `OTHER`, `STRANGE`, `ALONG` and `ALONG_OTHER`.
         result: of the registration.
         off_mm, off_deg: of the best pose, from the truth; infinite where there is none in that anatomy.
         target_mm: mean error over the walls that are seen.
@@ -99,8 +105,19 @@ class Shots:
 
 def shots(nose: Anatomy, other: Anatomy, views: int, seed: int) -> Shots:
     """Of a patient, as the trials are drawn."""
-    trials, scene, rng = drawn_trials(nose, views, seed), Scene(nose), np.random.default_rng([seed, 10])
-    lenses = [lens(rng) for _ in trials]
+    return _taken(nose, other, drawn_trials(nose, views, seed), np.random.default_rng([seed, 10]))
+
+
+def shots_along(nose: Anatomy, other: Anatomy, views: int, seed: int) -> Shots:
+    """Of a patient, along the way, as `naris simulate` takes them."""
+    rng, distance_mm = np.random.default_rng([seed, 12]), signed_distance(nose, 0.5)
+    bank = view_bank(distance_mm, passages_of(nose, distance_mm), nose.region_set(), INSPECTION)
+    poses = draw_views(Scene(nose), bank, views, rng).anatomy_T_camera
+    return _taken(nose, other, list(trials_at(nose, poses, rng)), rng)
+
+
+def _taken(nose: Anatomy, other: Anatomy, trials: list[Trial], rng: np.random.Generator) -> Shots:
+    scene, lenses = Scene(nose), [lens(rng) for _ in trials]
     images = [frame(scene, trial, camera, rng) for trial, camera in zip(trials, lenses, strict=True)]
     return Shots((registration_map(nose), scene), (registration_map(other), Scene(other)), trials, lenses, images)
 
@@ -131,6 +148,13 @@ def registered(shot: Shots, estimator: DepthEstimator, seed: int, others: int = 
         if image.max() > _DARK:  # a black one is no picture, and is said to be none
             camera = Intrinsics.from_vertical_fov(FRAME_PX, FRAME_PX, float(rng.uniform(*SHAPES[0][1])))
             yield _one(STRANGE, shot.at, (image, camera), NOTHING, None, estimator, seed)
+
+
+def registered_along(shot: Shots, estimator: DepthEstimator, seed: int) -> Iterator[Pictured]:
+    """Each picture along the way from nothing, and in another patient."""
+    for number, (trial, image, camera) in enumerate(zip(shot.trials, shot.images, shot.lenses, strict=True)):
+        yield _one(ALONG, shot.at, (image, camera), NOTHING, trial, estimator, seed + number)
+        yield _one(ALONG_OTHER, shot.other, (image, camera), NOTHING, None, estimator, seed + number)
 
 
 def _one(
@@ -174,8 +198,11 @@ def figures(request: BenchRequest) -> list[Figure]:
             if not number and not request.quick:  # compiles what there is to compile, so that no other pays for it
                 next(registered(shot, estimator, request.seed))
             done += registered(shot, estimator, request.seed, 1 if request.quick else _STRANGE_EACH)
+            along = shots_along(nose, other, 1 if request.quick else VIEWS_ALONG, _SEEDS + request.seed + number)
+            done += registered_along(along, estimator, request.seed)
             advance(1)
-    return [*_success(done, NONE), *_success(done, REGION), *_belief(done), *_refused(done)]
+    told = [figure for kind in (NONE, REGION, ALONG) for figure in _success(done, kind)]
+    return [*told, *_belief(done, NONE, "register.picture"), *_belief(done, ALONG, _ALONG), *_refused(done)]
 
 
 def _success(done: Sequence[Pictured], kind: str) -> list[Figure]:
@@ -191,10 +218,10 @@ def _success(done: Sequence[Pictured], kind: str) -> list[Figure]:
     ]
 
 
-def _belief(done: Sequence[Pictured]) -> list[Figure]:
-    some = [one for one in done if one.kind == NONE]
+def _belief(done: Sequence[Pictured], kind: str, base: str) -> list[Figure]:
+    some = [one for one in done if one.kind == kind]
     right, said = np.array([one.right for one in some]), np.array([one.result.probability for one in some])
-    accepted, base, n = np.array([one.accepted for one in some]), "register.picture", len(some)
+    accepted, n = np.array([one.accepted for one in some]), len(some)
     above = auroc(said, right)
     squares = [one.normalised for one in some if one.right and one.accepted]
     return [
@@ -207,7 +234,7 @@ def _belief(done: Sequence[Pictured]) -> list[Figure]:
 
 
 def _refused(done: Sequence[Pictured]) -> list[Figure]:
-    names = {OTHER: "wrong_patient", STRANGE: STRANGE}
+    names = {OTHER: "wrong_patient", ALONG_OTHER: "along.wrong_patient", STRANGE: STRANGE}
     return [
         _share(
             f"register.picture.{name}.refused",

@@ -120,7 +120,7 @@ def drawn_trials(anatomy: Anatomy, count: int, seed: int) -> list[Trial]:
     """Trials of the same kind in any anatomy, each region of its first set equally often."""
     rng = np.random.default_rng([seed, 4])
     poses = _poses(anatomy, count, rng)
-    return list(_trials(anatomy, poses, rng))
+    return list(trials_at(anatomy, poses, rng))
 
 
 def neighbours_of(anatomy: Anatomy, trial: Trial, count: int, seed: int) -> tuple[list[Trial], Pose]:
@@ -134,7 +134,7 @@ def neighbours_of(anatomy: Anatomy, trial: Trial, count: int, seed: int) -> tupl
         if distance(moved.position_mm) > 0.8:
             steps.append(step)
     rig_T_camera = Pose.exp(np.array(steps), CAMERA, CAMERA)
-    rest = list(_trials(anatomy, trial.anatomy_T_camera @ rig_T_camera[1:], rng))
+    rest = list(trials_at(anatomy, trial.anatomy_T_camera @ rig_T_camera[1:], rng))
     return [trial, *rest], rig_T_camera
 
 
@@ -174,7 +174,8 @@ def _poses(anatomy: Anatomy, count: int, rng: np.random.Generator) -> Pose:
     return Pose(chosen, anatomy.frame, CAMERA)
 
 
-def _trials(anatomy: Anatomy, poses: Pose, rng: np.random.Generator) -> Iterator[Trial]:
+def trials_at(anatomy: Anatomy, poses: Pose, rng: np.random.Generator) -> Iterator[Trial]:
+    """What cameras at (N,) poses `anatomy_T_camera` see, with all kinds of noise."""
     rays = CAMERA_OF_TRIALS.rays()
     depth = render(Scene(anatomy), poses, CAMERA_OF_TRIALS, want=("depth",)).depth_mm
     if depth is None:
