@@ -78,7 +78,8 @@ def imported(folder: str) -> set[str]:
                 names |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 names.add(node.module.partition(".")[0])
-    foreign = names - set(sys.stdlib_module_names) - {"naris", "tests"}
+    beside = {path.stem for path in (REPOSITORY / folder).glob("*.py")}  # scripts share what lies beside them
+    foreign = names - set(sys.stdlib_module_names) - {"naris", "tests"} - beside
     return {canonicalize_name(name) for module in foreign for name in owners.get(module, [module])}
 
 
