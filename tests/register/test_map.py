@@ -138,3 +138,15 @@ def test_what_a_killed_writer_left_is_removed(tmp_path: Path) -> None:
     write_map(map_file.map_file(tmp_path, "a", ()), SOME)
     assert not left.exists()
     assert fresh.exists()
+
+
+def test_of_one_lumen_each_anatomy_has_its_own_regions_and_passages() -> None:
+    tube = winding_tube()
+    bare = tube.with_(passages=(), regions={})
+    assert bare.digest == tube.digest and tube.passages and tube.regions
+    whole, without, again = (registration_map(one, 4.0) for one in (tube, bare, tube))
+    assert without.anatomy is bare and without.panoramas is whole.panoramas
+    np.testing.assert_array_equal(without.inward, [0.0, 1.0, 0.0])
+    assert whole.inward[1] < 0.999
+    assert again.anatomy is tube
+    np.testing.assert_array_equal(again.inward, whole.inward)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +80,9 @@ def registration_map(
         EngineUnavailable: if rays cannot be shot on this machine.
     """
     folder = None if cache is None else Path(cache)
-    return _kept.get((anatomy.digest, places_mm, room_mm), lambda: _made(anatomy, places_mm, room_mm, folder))
+    kept = _kept.get((anatomy.digest, places_mm, room_mm), lambda: _made(anatomy, places_mm, room_mm, folder))
+    # The digest is that of the lumen: regions and passages may be others.
+    return kept if kept.anatomy is anatomy else replace(kept, anatomy=anatomy, inward=_inward(anatomy))
 
 
 def quantised(ranges: Float[np.ndarray, "*n"]) -> UInt8[np.ndarray, "*n"]:
