@@ -69,9 +69,7 @@ def of_patient(number: int) -> Iterator[Row]:
     for view, trial in enumerate(drawn_trials(nose, VIEWS, SEED + number)):
         region = regions.names[int(regions.label(trial.anatomy_T_camera.position_mm))]
         if view % 3 == 0:
-            several = problem(at, trial, "b", "views3", view).look()
-            yield one("views b", at, several, NOTHING, trial, RegisterConfig(seed=view))
-            yield one("other views b", other, several, NOTHING, trial, RegisterConfig(seed=view))
+            yield from _in_both("views b", (at, other), problem(at, trial, "b", "views3", view).look(), trial, view)
         for noise in ALL:
             seen = trial.observation(noise)
             yield one(f"none {noise}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
@@ -105,8 +103,7 @@ def _of_few_points(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, s
     for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
         for noise in ("d", FREE_POINTS) if view % 5 in (0, 4) else ():
             seen = trial.observation(noise).some(int(rng.integers(*_FEW_POINTS)))
-            yield one(f"few {noise}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
-            yield one(f"other few {noise}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
+            yield from _in_both(f"few {noise}", (at, other), seen, trial, view)
 
 
 def _of_reconstructions(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
@@ -123,8 +120,7 @@ def _of_reconstructions(nose: Anatomy, at: RegistrationMap, other: RegistrationM
             factor = float(np.exp(_PRIOR_SD * rng.standard_normal())) / trial.scale
             prior = Scale("prior", factor=factor, sd_log=_PRIOR_SD)
             kind, seen = "prior", replace(trial.observation(FREE_POINTS), scale=prior)
-        yield one(f"{kind} {FREE_POINTS}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
-        yield one(f"other {kind} {FREE_POINTS}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
+        yield from _in_both(f"{kind} {FREE_POINTS}", (at, other), seen, trial, view)
 
 
 def _of_better_reconstructions(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
@@ -133,8 +129,7 @@ def _of_better_reconstructions(nose: Anatomy, at: RegistrationMap, other: Regist
     for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
         if view % 5 == 4:
             seen = as_reconstructed(nose, trial, rng, better=True)
-            yield one(f"better shot {FREE_POINTS}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
-            yield one(f"other better shot {FREE_POINTS}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
+            yield from _in_both(f"better shot {FREE_POINTS}", (at, other), seen, trial, view)
 
 
 def as_reconstructed(nose: Anatomy, trial: Trial, rng: np.random.Generator, *, better: bool = False) -> Observation:
@@ -154,12 +149,10 @@ def _better_and_several(nose: Anatomy, at: RegistrationMap, other: RegistrationM
             continue
         for noise in ALL[1:]:
             seen = better_than_said(trial, noise, rng)
-            yield one(f"better {noise}", at, seen, NOTHING, trial, RegisterConfig(seed=view))
-            yield one(f"other better {noise}", other, seen, NOTHING, trial, RegisterConfig(seed=view))
+            yield from _in_both(f"better {noise}", (at, other), seen, trial, view)
         for noise in ("c", "d") if view % 5 == 1 else ():
-            several = problem(at, trial, noise, "views3", view).look()
-            yield one(f"views {noise}", at, several, NOTHING, trial, RegisterConfig(seed=view))
-            yield one(f"other views {noise}", other, several, NOTHING, trial, RegisterConfig(seed=view))
+            seen = problem(at, trial, noise, "views3", view).look()
+            yield from _in_both(f"views {noise}", (at, other), seen, trial, view)
 
 
 def better_than_said(trial: Trial, noise: Noise, rng: np.random.Generator) -> Observation:
@@ -178,6 +171,14 @@ def _better_points(trial: Trial, factor: float | None, rng: np.random.Generator)
     points = trial.rays.reshape(-1, 3)[chosen] * exact.reshape(-1, 1)[chosen]
     factor = rng.uniform(0.0, 0.5) if factor is None else factor
     return np.asarray(points + factor * POINT_MM * rng.standard_normal(points.shape))
+
+
+def _in_both(
+    kind: str, maps: tuple[RegistrationMap, RegistrationMap], seen: Observation, trial: Trial, view: int
+) -> Iterator[Row]:
+    """From nothing, in the patient and in another."""
+    for name, at in zip((kind, f"other {kind}"), maps, strict=True):
+        yield one(name, at, seen, NOTHING, trial, RegisterConfig(seed=view))
 
 
 def one(kind: str, at: RegistrationMap, seen: Observation, belief: Belief, trial: Trial, config: RegisterConfig) -> Row:

@@ -1,7 +1,8 @@
 """Registrations from a picture alone: how far away walls are, a network tells (`naris.locate.depth`).
 
 Views of virtual patients as those of `naris.bench.trials`, each by a lens of its own (`lens`), of patients and looks
-that no training had. What another patient's picture and a picture of something else come to is counted as well.
+that no training had; and some along the way. What another patient's picture and a picture of something else come to is
+counted as well.
 """
 
 from __future__ import annotations

@@ -28,10 +28,9 @@ def unless_elsewhere(found: Registration, regions: RegionSet, name: str) -> Regi
         return found
     here = found.best.position_mm
     around = here + BESIDE_MM * _AROUND / np.linalg.norm(_AROUND, axis=1, keepdims=True)
-    there = regions.names.index(name)
-    if there in regions.label(here[None]) or there in regions.label(around):
-        return found
     label = int(regions.label(here))
+    if regions.names.index(name) in (label, *regions.label(around)):
+        return found
     other = regions.names[label] if label >= 0 else "none of the regions"
     reason = f"the best pose is in {other}, not in {name} as was named: check the name, or go without a region"
     return replace(found, anatomy_T_camera=None, status="refused", reason=reason)
