@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import naris
 from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.anatomy.shape_model import ShapeModel, save_shape_model
 from naris.bench.trials import drawn_trials
@@ -18,6 +19,7 @@ from naris.cli.register import Options, _doubts
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA as CAMERA_FRAME
 from naris.core.pose import Pose, distance
+from naris.core.provenance import file_digest
 from naris.register.libraries import LIBRARIES, missing
 from naris.render.scene import Scene, render
 from tests.conftest import shared_file
@@ -75,6 +77,9 @@ def test_depth_gives_a_pose_with_all_its_files_or_none(
     assert told["files"] == [str(out / name) for name in sorted_files(out)]
     kept = json.loads((out / "registration.json").read_text())
     assert kept["anatomy_T_camera"] == told["anatomy_T_camera"]
+    files = {"depth": seen / "depth.npy", "intrinsics": seen / "camera.json"}
+    given = {name: {"sha256": file_digest(file)} for name, file in files.items()} | {"probability": 0.0}
+    assert kept["made_from"] == {"naris": naris.__version__, "seed": 0, "options": given}
     with Image.open(out / "overlay.png") as picture:
         assert picture.size == (CAMERA.width, CAMERA.height)
 
@@ -125,6 +130,10 @@ def test_a_reconstruction_is_registered_from_one_of_its_pictures(
     told = json.loads(capfd.readouterr().out)
     sorted_files(tmp_path / "out", "flicker.gif")
     assert told["scale_kind"] == "unknown" and (told["views"] == 1) == bool(more)
+    assert "shot" not in (tmp_path / "out" / "registration.json").read_text()  # names may tell patients
+    given = told["made_from"]["options"]
+    assert set(given) == {"cloud", "view", "scale", "frame", "probability"} | {one.lstrip("-") for one in more}
+    assert set(given["cloud"]) == {"sha256_of_files"} and given["scale"] == "unknown"
     off = np.linalg.norm(np.array(told["anatomy_T_camera"])[:3, 3] - np.load(seen / "truth.npy")[:3, 3])
     assert off < 2 or told["margin"] is not None
 
@@ -310,6 +319,7 @@ def test_a_shape_is_estimated_with_the_pose_and_kept_beside_it(
     assert told["status"] == "registered" and "probability" not in told
     assert len(told["weights"]) == len(told["weight_sd"]) == 8
     assert max(told["weight_sd"]) <= 1.001 and told["scale"] == 1.0
+    assert told["made_from"]["options"]["modes"] == 8
     deformed = load_anatomy(str(out / "anatomy"))
     assert deformed.digest == told["deformed"]["digest"] != told["anatomy"]["digest"]
     assert deformed.region_set("slabs").names == ("one", "two", "three", "four")

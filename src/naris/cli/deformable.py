@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING, Any
 
-from naris.cli.registered import LOOSENESS, SHAPE, looks_of, write_registered
+from naris.cli.registered import LOOSENESS, SHAPE, looks_of, made_from, write_registered
 from naris.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def register_shape(
     with console.progress.task("registering", 1) as advance:
         found = register_deformable(at, modes, seen.observation, belief, DeformableConfig(seed=options.seed))
         advance(1)
-    data = _told(found, anatomy, seen)
+    data = _told(found, anatomy, seen) | {"made_from": made_from(options)}
     if options.out is not None:
         pose = found.anatomy_T_camera
         looks = looks_of(pose, found.deformed, seen, ground, flickers=options.frame is not None)

@@ -11,7 +11,7 @@ import tyro
 from naris.cli.console import Console
 from naris.cli.observed import check_observation, ground_of, observe
 from naris.cli.options import IfGiven, refuse
-from naris.cli.registered import OWN, look_of_refused, looks_of, write_registered
+from naris.cli.registered import OWN, look_of_refused, looks_of, made_from, write_registered
 from naris.errors import InputError
 
 if TYPE_CHECKING:
@@ -135,6 +135,7 @@ def run(options: Options, console: Console) -> int:
         found = unless_elsewhere(found, regions, options.region)
     found, by_frame = _with_frame(options, found, (at, belief), seen, ground)
     data = _told(found, anatomy, seen.observation, options.method) | by_frame | {"model": believed}
+    data["made_from"] = made_from(options)
     if options.out is not None:
         pose = found.anatomy_T_camera
         if pose is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from naris.cli.observed import Seen
+    from naris.cli.register import Options
     from naris.core.anatomy import Anatomy
     from naris.core.pose import Pose
 
@@ -16,7 +18,35 @@ RESULT, LANDMARKS = "registration.json", "landmarks.mrk.json"
 TRANSFORM, HDF5 = "anatomy_T_camera.tfm", "anatomy_T_camera.h5"
 VIEW, OVERLAY, FLICKER, REFUSED = "view.png", "overlay.png", "flicker.gif", "refused.png"
 SHAPE, LOOSENESS = "anatomy", "vertex_sd_mm.npy"
+_TOLD_ELSEWHERE = ("anatomy", "out", "seed")
 OWN = (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, REFUSED, SHAPE, LOOSENESS)
+
+
+def made_from(options: Options) -> dict[str, Any]:
+    """The version, and what was given: of files, folders and a view's name the SHA-256, for names may tell patients."""
+    import naris
+
+    told: dict[str, Any] = {}
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if field.name in _TOLD_ELSEWHERE or (field.default is not MISSING and value == field.default):
+            continue
+        told[field.name] = _digest(value) if isinstance(value, Path) or field.name == "view" else value
+    return {"naris": naris.__version__, "seed": options.seed, "options": told}
+
+
+def _digest(of: Path | str) -> dict[str, str]:
+    """Of a folder over the sorted digests of its files, whatever they are called."""
+    import hashlib
+
+    from naris.core.provenance import file_digest
+
+    if isinstance(of, str):
+        return {"sha256": hashlib.sha256(of.encode()).hexdigest()}
+    if of.is_file():
+        return {"sha256": file_digest(of)}
+    each = sorted(file_digest(one) for one in of.rglob("*") if one.is_file())
+    return {"sha256_of_files": hashlib.sha256("\n".join(each).encode()).hexdigest()}
 
 
 def looks_of(
