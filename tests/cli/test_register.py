@@ -138,6 +138,26 @@ def test_a_reconstruction_is_registered_from_one_of_its_pictures(
     assert off < 2 or told["margin"] is not None
 
 
+def test_a_refusal_of_points_in_another_unit_tells_how_near_they_are(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    points = np.loadtxt(seen / "points.txt")
+    hint = "where 3 to 30 are usual: check the unit"
+    for unit, told in ((10.0, True), (1.0, False)):
+        np.savetxt(tmp_path / "points.txt", points / unit)
+        arguments = [
+            "--cloud",
+            str(tmp_path / "points.txt"),
+            "--noise",
+            str(0.1 / unit),
+            "--probability",
+            "1",
+            "--quiet",
+        ]
+        assert main(["register", str(tube), *arguments]) == 1
+        assert (hint in capfd.readouterr().out) == told
+
+
 def test_a_refusal_names_what_was_taken_for_granted() -> None:
     assert _doubts(Options("builtin")) == []
     [told] = _doubts(Options("builtin", region="right vestibule", rig=Path("rig.json")))

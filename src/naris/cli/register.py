@@ -289,6 +289,7 @@ def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str)
         "scale_kind": scale.kind,
         "scale_sought": [scale.low, scale.high] if scale.kind == "unknown" else None,
         "scale_off_sd": None if off is None else float(off),
+        "median_mm": found.scale * float(np.median(seen.ranges)),
         "margin": None if not np.isfinite(found.margin) else found.margin,
         "cost": found.cost,
         "covariance": None if loose else found.covariance.tolist(),
@@ -336,6 +337,7 @@ def _text(data: dict[str, Any], doubts: list[str]) -> str:
     if data["status"] == "refused":
         guess = f"  best guess near {where}, not to be used"
         odd = [f"  its scale is {data['scale']:.3g}, {abs(off):.1f} deviations from its prior"] if is_far else []
+        odd += _unusual(data["median_mm"]) if data["scale_kind"] == "known" else []
         return "\n".join([f"refused: {data['reason']}", guess, *odd, *unused, *doubts, *kept])
     unit = "times what the network says" if data["picture_alone"] else "mm per unit"
     scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3g} {unit}"
@@ -361,6 +363,16 @@ def _text(data: dict[str, Any], doubts: list[str]) -> str:
         other = "not moved, it is not shaded as the walls there: see that it is the right one"
         lines.append(f"  by the shading of the frame: {moved if shading['used'] else other}")
     return "\n".join([*lines, *kept])
+
+
+def _unusual(median_mm: float) -> list[str]:
+    """Of distances that hardly an endoscope has."""
+    from naris.register.noise import ENDOSCOPIC_MM
+
+    low, high = ENDOSCOPIC_MM
+    if low <= median_mm <= high:
+        return []
+    return [f"  the median distance is {median_mm:.3g} mm, where {low:g} to {high:g} are usual: check the unit"]
 
 
 def _mm(length: float) -> str:
