@@ -138,6 +138,12 @@ def test_a_reconstruction_is_registered_from_one_of_its_pictures(
     assert off < 2 or told["margin"] is not None
 
 
+def test_a_region_of_another_set_is_told_where_it_is(seen: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--cloud", str(seen / "points.txt"), "--region", "right middle meatus", "--quiet"]
+    assert main(["register", "builtin", *arguments]) == 2
+    assert "give --regions anatomical with it" in capfd.readouterr().err
+
+
 def test_a_refusal_of_points_in_another_unit_tells_how_near_they_are(
     tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

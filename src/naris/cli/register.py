@@ -12,7 +12,7 @@ from naris.cli.console import Console
 from naris.cli.observed import check_observation, ground_of, observe
 from naris.cli.options import IfGiven, refuse
 from naris.cli.registered import OWN, look_of_refused, looks_of, made_from, write_registered
-from naris.errors import InputError
+from naris.errors import InputError, RegionError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -193,6 +193,9 @@ def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> tuple[Bel
 
     orientation = Orientation(options.most_tilt_deg, options.most_roll_deg)
     if options.region is not None:
+        of_others = [name for name, one in anatomy.regions.items() if options.region in one.names]
+        if options.region not in regions.names and of_others:
+            raise RegionError(f"a region of {regions.name}", options.region, f"give --regions {of_others[0]} with it")
         return in_region(regions, options.region, orientation), None
     if options.model is None or options.frame is None:
         return replace(NOTHING, orientation=orientation), None
