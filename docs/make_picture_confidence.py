@@ -6,13 +6,14 @@
 What each patient came to is kept in out/confidence, by the solver's sources and the network's weights.
 
 The trials are those of `naris.bench.pictures` in other patients, who were never seen by the network: each picture from
-nothing, from the true region, and to another patient, and some pictures of other things. A logistic regression with a
-small ridge; and covariances by the equations are held against the errors of right poses.
+nothing, from the true region, and to another patient, some along the way, and some pictures of other things. A logistic
+regression with a small ridge; and covariances by the equations are held against the errors of right poses.
 """
 
 from __future__ import annotations
 
 import sys
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,19 @@ import numpy as np
 import naris
 from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench.fits import trials
-from naris.bench.pictures import NONE, OTHER, PICTURE_SOLVER, REGION, STRANGE, registered, shots
+from naris.bench.pictures import (
+    ALONG,
+    ALONG_OTHER,
+    NONE,
+    OTHER,
+    PICTURE_SOLVER,
+    REGION,
+    STRANGE,
+    registered,
+    registered_along,
+    shots,
+    shots_along,
+)
 from naris.bench.register import search_digest
 from naris.cli.console import console_for
 from naris.core.atomic import write_json
@@ -32,8 +45,8 @@ from naris.register import picture
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "src" / "naris" / "register" / picture.FITTED
-SEED, PATIENTS, VIEWS, RIDGE, GROUPS = 3_000_000, 24, 10, 3e-3, 6
-WEIGHTS = {NONE: 1.0, REGION: 1.0, OTHER: 1.0, STRANGE: 1.0}
+SEED, PATIENTS, VIEWS, VIEWS_ALONG, RIDGE, GROUPS = 3_000_000, 24, 10, 8, 3e-3, 6
+WEIGHTS = {NONE: 1.0, REGION: 1.0, OTHER: 1.0, STRANGE: 1.0, ALONG: 1.0, ALONG_OTHER: 1.0}
 """As often wrong for another reason as one is likely to see: right ones are few, so nothing is made to count less."""
 
 
@@ -76,7 +89,11 @@ def of_patient(number: int) -> list[list[object]]:
 
     factor = picture.covariance_factor()
     picture.probability = keep
-    done = registered(shots(nose, other, VIEWS, SEED + number), open_depth(), SEED + number)
+    seed, estimator = SEED + number, open_depth()
+    done = chain(
+        registered(shots(nose, other, VIEWS, seed), estimator, seed),
+        registered_along(shots_along(nose, other, VIEWS_ALONG, seed), estimator, seed),
+    )
     return [[one.kind, kept[-1].features, one.right, factor * one.normalised if one.right else 0.0] for one in done]
 
 
@@ -93,7 +110,7 @@ def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarra
         left_out = of % GROUPS == group
         weights, bias = fit_logistic(x[~left_out], y[~left_out], w[~left_out], RIDGE)
         said[left_out] = 1 / (1 + np.exp(-(x[left_out] @ weights + bias)))
-    for name in (NONE, REGION):
+    for name in (NONE, REGION, ALONG):
         some = kind == name
         accepted = some & (said >= 0.8)
         wrong = 1 - y[accepted].mean() if accepted.any() else 0.0
@@ -103,7 +120,7 @@ def _tell_left_out(of: np.ndarray, kind: np.ndarray, x: np.ndarray, y: np.ndarra
             f"{wrong:.4f}",
             file=sys.stderr,
         )
-    for name in (OTHER, STRANGE):
+    for name in (OTHER, ALONG_OTHER, STRANGE):
         print(f"{name}: refused {(said[kind == name] < 0.8).mean():.4f}", file=sys.stderr)
 
 

@@ -1,8 +1,8 @@
 """Registrations from a picture alone: how far away walls are, a network tells (`naris.locate.depth`).
 
 Views of virtual patients as those of `naris.bench.trials`, each by a lens of its own (`lens`), of patients and looks
-that no training had; and some along the way. What another patient's picture and a picture of something else come to is
-counted as well.
+that no training had; and some along the way, half of these as `naris simulate` makes them. What another patient's
+picture and a picture of something else come to is counted as well.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle
 
 import cv2
 import numpy as np
@@ -30,12 +31,13 @@ from naris.locate.depth import DepthEstimator, open_depth
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.picture import SEARCH, PictureConfig, register_picture
 from naris.register.starts import NOTHING, Belief, in_region
+from naris.render.appearance import ENDOSCOPE, Appearance
 from naris.render.scene import Scene
 from naris.render.viewpoints import INSPECTION, draw_views, passages_of, view_bank
 from naris.train.strangers import strangers
 
 PATIENTS, VIEWS, QUICK_PATIENTS, QUICK_VIEWS = 16, 10, 1, 2
-VIEWS_ALONG = 6
+VIEWS_ALONG = 8
 NONE, REGION, OTHER, STRANGE = "none", "region", "other", "strange"
 """From nothing; from the true region; another patient's anatomy; a picture of something else."""
 ALONG, ALONG_OTHER = "along", "along_other"
@@ -110,16 +112,23 @@ def shots(nose: Anatomy, other: Anatomy, views: int, seed: int) -> Shots:
 
 
 def shots_along(nose: Anatomy, other: Anatomy, views: int, seed: int) -> Shots:
-    """Of a patient, along the way, as `naris simulate` takes them."""
+    """Of a patient, along the way, as `naris simulate` takes them; every second one looks as its pictures do, too."""
     rng, distance_mm = np.random.default_rng([seed, 12]), signed_distance(nose, 0.5)
     bank = view_bank(distance_mm, passages_of(nose, distance_mm), nose.region_set(), INSPECTION)
     poses = draw_views(Scene(nose), bank, views, rng).anatomy_T_camera
-    return _taken(nose, other, list(trials_at(nose, poses, rng)), rng)
+    return _taken(nose, other, list(trials_at(nose, poses, rng)), rng, (None, ENDOSCOPE))
 
 
-def _taken(nose: Anatomy, other: Anatomy, trials: list[Trial], rng: np.random.Generator) -> Shots:
+def _taken(
+    nose: Anatomy,
+    other: Anatomy,
+    trials: list[Trial],
+    rng: np.random.Generator,
+    looks: Sequence[Appearance | None] = (None,),
+) -> Shots:
     scene, lenses = Scene(nose), [lens(rng) for _ in trials]
-    images = [frame(scene, trial, camera, rng) for trial, camera in zip(trials, lenses, strict=True)]
+    seen = zip(trials, lenses, cycle(looks), strict=False)
+    images = [frame(scene, trial, camera, rng, look) for trial, camera, look in seen]
     return Shots((registration_map(nose), scene), (registration_map(other), Scene(other)), trials, lenses, images)
 
 

@@ -28,7 +28,7 @@ from naris.register.directions import rotations
 from naris.register.map import registration_map
 from naris.register.noise import KNOWN, UNKNOWN, DepthNoise, PointNoise
 from naris.register.observation import Observation, from_points, from_ranges
-from naris.render.appearance import UNSEEN_APPEARANCE
+from naris.render.appearance import UNSEEN_APPEARANCE, Appearance
 from naris.render.scene import Scene, render
 from naris.render.viewpoints import sees_ahead
 
@@ -148,9 +148,11 @@ def frames(anatomy: Anatomy, trials: Sequence[Trial], seed: int) -> UInt8[np.nda
     return cast(np.ndarray, render(Scene(anatomy), poses, camera, looks, want=("rgb",), seeds=seeds).rgb)
 
 
-def frame(scene: Scene, trial: Trial, camera: Intrinsics, rng: np.random.Generator) -> UInt8[np.ndarray, "h w 3"]:
-    """What another camera sees where that of the trial is, under a look that no training had."""
-    look, seed = UNSEEN_APPEARANCE.sample(rng), rng.integers(2**31, size=1)
+def frame(
+    scene: Scene, trial: Trial, camera: Intrinsics, rng: np.random.Generator, look: Appearance | None = None
+) -> UInt8[np.ndarray, "h w 3"]:
+    """What another camera sees where that of the trial is; if no look is given, under one that no training had."""
+    look, seed = look or UNSEEN_APPEARANCE.sample(rng), rng.integers(2**31, size=1)
     poses = trial.anatomy_T_camera.reshape(1)
     return cast(np.ndarray, render(scene, poses, camera, [look], want=("rgb",), seeds=seed).rgb)[0]
 
