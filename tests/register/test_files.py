@@ -1,6 +1,8 @@
 """Files: what other programs read of ours, by their own readers, and what we read of theirs."""
 
+import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -155,8 +157,66 @@ def test_pictures_that_hold_no_depth_are_refused(tmp_path):
     with pytest.raises(InputError, match="damaged"):
         read_depth_image(tmp_path / "bad.png", 1.0)
     np.save(tmp_path / "empty.npy", np.zeros((4, 4)))
-    with pytest.raises(InputError, match="some depth above 0"):
+    with pytest.raises(InputError, match="depth above 0"):
         read_depth_image(tmp_path / "empty.npy", 1.0)
     np.save(tmp_path / "cube.npy", np.ones((4, 4, 4)))
     with pytest.raises(InputError, match="one channel"):
         read_depth_image(tmp_path / "cube.npy", 1.0)
+
+
+def _archive() -> bytes:
+    content = io.BytesIO()
+    np.savez(content, points=np.ones((20, 3)))
+    return content.getvalue()
+
+
+def _with_header(header: str) -> bytes:
+    text = header.ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
+
+
+@pytest.mark.parametrize("read", [read_cloud, lambda path: read_depth_image(path, 1.0)])
+@pytest.mark.parametrize(
+    "content",
+    [
+        _archive(),
+        b"PK\x03\x04 and no archive",
+        b"",
+        _with_header("{'descr': '<f8', 'fortran_order': False, 'shape': (3"),
+        _with_header("{'descr': '<f8', 'fortran_order': False, 'shape': (" + "1" + "0" * 30 + ", 3), }"),
+        _with_header("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 3), }"),
+    ],
+)
+def test_what_is_no_array_of_numpy_is_one_sentence(tmp_path, read, content):
+    (tmp_path / "d.npy").write_bytes(content)
+    with pytest.raises(InputError, match="numpy array in"):
+        read(tmp_path / "d.npy")
+
+
+def test_complex_numbers_are_no_depth_and_no_points(tmp_path):
+    np.save(tmp_path / "d.npy", np.ones((20, 3), complex))
+    with pytest.raises(InputError, match="points"):
+        read_cloud(tmp_path / "d.npy")
+    with pytest.raises(InputError, match="one channel"):
+        read_depth_image(tmp_path / "d.npy", 1.0)
+
+
+def test_a_byte_order_mark_is_no_number(tmp_path):
+    (tmp_path / "points.txt").write_text("1 2 3\n4 5 6\n", encoding="utf-8-sig")
+    np.testing.assert_array_equal(read_cloud(tmp_path / "points.txt"), [[1, 2, 3], [4, 5, 6]])
+
+
+def test_depth_of_the_other_sign_is_told(tmp_path):
+    depth = np.ones((20, 30))
+    depth[:, :6] = -1
+    np.save(tmp_path / "d.npy", depth)
+    with pytest.raises(InputError, match=r"120 of 600 below it.*which way its z looks"):
+        read_depth_image(tmp_path / "d.npy", 1.0)
+    depth[:, 2:] = 1
+    np.save(tmp_path / "d.npy", depth)
+    assert (read_depth_image(tmp_path / "d.npy", 1.0) > 0).mean() == 28 / 30
+
+
+def test_markups_of_another_frame_are_none(nose):
+    with pytest.raises(InputError, match="one in mean"):
+        slicer_landmarks(replace(nose, frame="mean", regions={}, passages=()), None)

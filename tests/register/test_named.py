@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from naris.core.pose import Pose
-from naris.register.named import BESIDE_MM, unless_elsewhere
+from naris.register.astray import BESIDE_MM
+from naris.register.named import unless_elsewhere
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import in_region
 

@@ -9,8 +9,8 @@ from naris.core.pose import CAMERA, Pose, distance
 from naris.core.results import Prediction
 from naris.errors import InputError, PoseError, RegionError, SurfaceError
 from naris.register.map import registration_map
-from naris.register.noise import DepthNoise, Scale
-from naris.register.observation import from_ranges, together
+from naris.register.noise import DepthNoise, PointNoise, Scale
+from naris.register.observation import from_points, from_ranges, together
 from naris.register.rays import prepared
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, Belief, Orientation, in_region, near, of_prediction
@@ -93,7 +93,7 @@ def test_another_patient_and_a_mirrored_side_are_refused(nose, prepared_nose, tr
     others = drawn_trials(stranger, 4, 3)
     seen = [one.observation("b") for one in others]
     mirrored = [from_ranges(one.ranges["b"][:, ::-1], one.rays, DepthNoise()) for one in trials]
-    results = [register(prepared_nose, one, NOTHING, QUICK) for one in [*seen, *mirrored]]
+    results = [register(prepared_nose, one) for one in [*seen, *mirrored]]
     refused = [one.status == "refused" for one in results]
     assert np.mean(refused) >= 0.8
     assert all(one.anatomy_T_camera is None and one.reason for one in results if one.status == "refused")
@@ -171,3 +171,29 @@ def test_of_several_views_the_smooth_error_is_counted_whole(prepared_nose, trial
     said = (np.square(rays.field[:, : len(rays.prior)]) / rays.prior).sum(axis=1)[real]
     left = (np.square(rays.radial) - np.square(np.tile(one.radial, 4)))[real] / np.square(rays.range[real])
     np.testing.assert_allclose(said + left, one.smooth**2, rtol=0.02)
+
+
+def test_with_less_tried_than_the_probability_knows_nothing_is_claimed(prepared_nose, trials):
+    """A search that looks at one place finds no rival of it."""
+    seen = trials[0].observation("b")
+    whole, one = register(prepared_nose, seen), register(prepared_nose, seen, config=RegisterConfig(finalists=1))
+    assert whole.status == "registered"
+    assert one.status == "refused" and "less was tried than its probability was fitted with" in one.reason
+    any_will_do = RegisterConfig(finalists=1, least_probability=0.0)
+    assert register(prepared_nose, seen, config=any_will_do).status == "registered"
+    there = near(trials[0].anatomy_T_camera, 1e-6 * np.eye(6)[None])
+    assert register(prepared_nose, seen, there, RegisterConfig(8, 1, 0)).status == "registered"
+
+
+def test_a_dense_cloud_is_believed_as_a_thinner_one(prepared_nose, trials):
+    rng, right = np.random.default_rng(5), []
+    for trial in (trials[0], trials[2], trials[5]):
+        known = np.isfinite(trial.ranges["a"])
+        points = (trial.rays * trial.ranges["a"][..., None])[known]
+        thick = np.repeat(points, 6, axis=0) + 0.5 * rng.standard_normal((6 * len(points), 3))
+        thick = thick[thick[:, 2] > 0]
+        assert len(thick) > 10_000
+        found = register(prepared_nose, from_points(thick, PointNoise(0.5, 0.02)))
+        assert off(found, trial)[0] < 1.0
+        right.append(found.probability)
+    assert np.median(right) > 0.9

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from naris.bench.trials import Trial, neighbours_of
 from naris.core.anatomy import Anatomy
 from naris.core.pose import CAMERA, Pose, distance
+from naris.errors import InputError, PoseError
 from naris.register.map import RegistrationMap
 from naris.register.noise import UNKNOWN
 from naris.register.observation import Observation, together
@@ -104,3 +106,25 @@ def test_believed_poses_begin_with_the_scale_that_their_walls_have(prepared_nose
         np.testing.assert_allclose(starts.log_scales, trial.log_scale("c"), atol=0.15)
         known = find_starts(prepared_nose, trial.observation("b"), believed, 4, np.random.default_rng(0))
         assert not known.log_scales.any()
+
+
+def test_every_believed_pose_is_begun_from_however_many_there_are(prepared_nose, trials):
+    truth = trials[0].anatomy_T_camera
+    steps = np.zeros((30, 6))
+    steps[:, 0] = np.linspace(-3, 3, 30)
+    poses = truth.reshape(1) @ Pose.exp(steps, CAMERA, CAMERA)
+    belief = near(poses, np.tile(np.eye(6), (30, 1, 1)))
+    starts = find_starts(prepared_nose, trials[0].observation("b"), belief, 8, np.random.default_rng(0))
+    np.testing.assert_allclose(starts.poses, poses.matrix, atol=1e-9)
+
+
+def test_beliefs_that_cannot_be_are_told(trials):
+    pose = trials[0].anatomy_T_camera.reshape(1)
+    with pytest.raises(InputError, match="for each of 1 poses"):
+        near(pose, np.eye(6))
+    with pytest.raises(InputError, match="negative variance"):
+        near(pose, -np.eye(6)[None])
+    with pytest.raises(InputError, match="poses to begin from alone"):
+        Belief(only_poses=True)
+    with pytest.raises(PoseError, match="anatomy_T_camera"):
+        near(Pose(pose.matrix, "LPS", "LPS"), np.eye(6)[None])

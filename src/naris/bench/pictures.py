@@ -127,8 +127,8 @@ def _taken(
     looks: Sequence[Appearance | None] = (None,),
 ) -> Shots:
     scene, lenses = Scene(nose), [lens(rng) for _ in trials]
-    seen = zip(trials, lenses, cycle(looks), strict=False)
-    images = [frame(scene, trial, camera, rng, look) for trial, camera, look in seen]
+    seen = zip(zip(trials, lenses, strict=True), cycle(looks), strict=False)  # looks begin again
+    images = [frame(scene, trial, camera, rng, look) for (trial, camera), look in seen]
     return Shots((registration_map(nose), scene), (registration_map(other), Scene(other)), trials, lenses, images)
 
 

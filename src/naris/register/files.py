@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +23,8 @@ AHEAD_MM = 10.0
 AHEAD = f"{AHEAD_MM:.0f} mm ahead of the camera"
 _MOST_BYTES = 1 << 30
 _MOST_PIXELS = 64_000_000
+_MOST_NEGATIVE = 0.1  # of the depths that are known: of more the sign is another
+_NOT_NUMPY = ValueError, EOFError, OSError, OverflowError, MemoryError, SyntaxError, BadZipFile, TokenError
 _UNIT = 0.02  # how far from 1 the length of a normal may be that was rounded to two digits
 
 
@@ -60,17 +64,17 @@ def _read_cloud(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
     content = content_of(path, CLOUDS, "a cloud")
     try:
         if path.suffix.lower() == ".npy":
-            points = np.load(io.BytesIO(content), allow_pickle=False)
+            points = _array(path, content)
         elif path.suffix.lower() == ".ply":
             points = read_ply_points(path, content, normals=columns > 3)
         else:
-            text = content.decode("utf-8", "strict").replace(",", " ")
+            text = content.decode("utf-8-sig", "strict").replace(",", " ")
             points = np.array([[float(word) for word in line.split()] for line in _lines(text)])
-    except (ValueError, UnicodeDecodeError, EOFError) as error:
+    except (ValueError, UnicodeDecodeError) as error:
         raise InputError(
             f"points in {path.name}", f"something else ({error})", "give three numbers a line, a PLY or a .npy (N, 3)"
         ) from error
-    fits = points.ndim == 2 and points.shape[1] in {columns, 6} and np.issubdtype(points.dtype, np.number)
+    fits = points.ndim == 2 and points.shape[1] in {columns, 6} and _is_real(points)
     if not fits:
         todo = "give x, y and z, or those and the normal" if columns == 3 else "give x, y, z and the normal"
         got = f"an array of shape {points.shape}" if points.size else "none"
@@ -85,19 +89,15 @@ def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:
         InputError: if there is no such file, or it is no depth image.
     """
     content = content_of(path, DEPTHS, "a depth image")
-    if path.suffix.lower() == ".npy":
-        try:
-            depth = np.load(io.BytesIO(content), allow_pickle=False)
-        except (ValueError, EOFError) as error:
-            raise InputError(f"a numpy array in {path.name}", f"something else ({error})", "save it again") from error
-    else:
-        depth = _picture(path, content)
-    if depth.ndim != 2 or not np.issubdtype(depth.dtype, np.number):
+    depth = _array(path, content) if path.suffix.lower() == ".npy" else _picture(path, content)
+    if depth.ndim != 2 or not _is_real(depth):
         got = f"an array of shape {depth.shape} and type {depth.dtype}"
         raise InputError(f"a depth image (H, W) of numbers in {path.name}", got, "give one channel")
-    if not depth.size or np.nanmax(np.where(np.isfinite(depth), depth, 0)) <= 0:
-        got = "negative ones only" if depth.size and np.nanmin(np.where(np.isfinite(depth), depth, 0)) < 0 else "none"
-        raise InputError(f"some depth above 0 in {path.name}", got, "check the file, and which way its z looks")
+    known = depth[np.isfinite(depth) & (depth != 0)]
+    negative = int((known < 0).sum())
+    if not len(known) or negative > _MOST_NEGATIVE * len(known):
+        got = f"{negative} of {len(known)} below it" if len(known) else "none"
+        raise InputError(f"depth above 0 in {path.name}", got, "check the file, and which way its z looks")
     return np.asarray(depth, dtype=np.float64) * unit_mm
 
 
@@ -114,6 +114,21 @@ def content_of(path: Path, suffixes: tuple[str, ...], what: str) -> bytes:
     if path.stat().st_size > _MOST_BYTES:
         raise InputError(f"{what} of at most 1 GB", f"{path.stat().st_size / 1e9:.1f} GB", "thin it out")
     return path.read_bytes()
+
+
+def _array(path: Path, content: bytes) -> np.ndarray:
+    """The array that a file of numpy holds."""
+    try:
+        array = np.load(io.BytesIO(content), allow_pickle=False)
+    except _NOT_NUMPY as error:
+        raise InputError(f"a numpy array in {path.name}", f"something else ({error})", "save it again") from error
+    if not isinstance(array, np.ndarray):
+        raise InputError(f"one numpy array in {path.name}", "several (.npz)", "save the one alone with numpy.save")
+    return array
+
+
+def _is_real(array: np.ndarray) -> bool:
+    return np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)
 
 
 def slicer_transform(anatomy_T_camera: Pose) -> str:
@@ -162,7 +177,13 @@ def _resampling(anatomy_T_camera: Pose) -> list[float]:
 
 
 def slicer_landmarks(anatomy: Anatomy, anatomy_T_camera: Pose | None) -> dict[str, Any]:
-    """Markups of 3D Slicer: the landmarks of the anatomy, and the camera with a point 10 mm ahead of it."""
+    """Markups of 3D Slicer: the landmarks of the anatomy, and the camera with a point 10 mm ahead of it.
+
+    Raises:
+        InputError: if the anatomy is not in LPS.
+    """
+    if anatomy.frame != "LPS":
+        raise InputError("an anatomy in LPS for markups of 3D Slicer", f"one in {anatomy.frame}", "use the JSON")
     points = dict(anatomy.landmarks_mm)
     if anatomy_T_camera is not None:
         points["camera"] = anatomy_T_camera.position_mm

@@ -24,7 +24,7 @@ from naris.register.astray import astray
 from naris.register.evidence import Evidence, chance_within
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation, from_estimate
-from naris.register.register import RegisterConfig, covariance_of, search
+from naris.register.register import RegisterConfig, covariance_of, search, too_little
 from naris.register.shading import Shaded, Shading
 from naris.register.solve import BASIN_MM, BASIN_RAD, Solutions, alike, different
 from naris.register.starts import NOTHING, Belief
@@ -164,6 +164,7 @@ def register_picture(
     chance, best = probability(evidence), evidence.places[0]
     where = astray(at, belief, best.shaded.pose)
     reason = f"the best pose is {where}: give depth, another view, or no region" if where else None
+    reason = reason or too_little(belief, config.search)
     reason = reason or evidence.refusal(chance, config.search.least_probability)
     poses = [one.shaded.pose for one in evidence.places]
     return Registration(

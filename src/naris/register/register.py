@@ -21,6 +21,8 @@ from naris.register.starts import NOTHING, Belief, Starts, find_starts
 
 _ALTERNATIVES = 4
 _LEAST_CHANCE = 1e-3
+_MOST_POINTS = 1024
+"""Of a view: of more of them, whose errors are never quite independent, the evidence is surer than it should be."""
 _LIMIT = 1.01
 """A scale so near to a limit, as a factor, has ended there."""
 
@@ -30,15 +32,17 @@ class RegisterConfig:
     """How much is tried.
 
     Attributes:
-        starts: solved coarsely.
+        starts: solved coarsely; of poses that are believed in alone at least all of these.
         finalists: solved finely, at most so many.
-        aside: begun again a little beside the best of them; half as many of points, which have fewer dents. The
-            probability was fitted with as many as by default, and with none from a pose.
+        aside: begun again a little beside the best of them; half as many of points, which have fewer dents.
         least_probability: a pose that is less likely than this to be within 2 mm and 5° is refused.
         seed: of the starts beside believed poses, and of those beside the best finalist.
         method: what the finalists are solved by: `naris` by rays and smooth error; of a known scale also `icp`, `imlp`
             or, with normals, `imlop` (`naris.register.likely_point`), and where they are installed `small_gicp`,
             `small_gicp_planes` and `open3d` (`naris.register.libraries`). Judged they are alike.
+
+    The probability was fitted with as much as by default, from a pose with 8 starts, one finalist and none beside. With
+    less, what is as likely in another place may not be found; then a pose is refused, unless any probability will do.
     """
 
     starts: int = 200
@@ -57,6 +61,9 @@ class RegisterConfig:
             raise InputError("a probability from 0 to 1", f"{self.least_probability:g}", "give 0.8 for 80 %")
 
 
+_FROM_POSE = RegisterConfig(starts=8, finalists=1, aside=0)
+
+
 def register(
     at: RegistrationMap,
     observation: Observation,
@@ -71,7 +78,7 @@ def register(
 
     Args:
         at: the anatomy (`registration_map`).
-        observation: what was seen.
+        observation: what was seen; of a cloud 1,024 points a view are used, evenly chosen.
         belief: what is known beforehand of region or pose.
         config: how much is tried.
 
@@ -88,7 +95,9 @@ def register(
             "ranges that a network told from a picture",
             "use naris.register.picture.register_picture",
         )
-    return _chosen(at, observation, search(at, observation, belief, config), config)
+    if observation.is_cloud:
+        observation = observation.some(_MOST_POINTS * observation.views)
+    return _chosen(at, observation, search(at, observation, belief, config), (belief, config))
 
 
 def search(at: RegistrationMap, observation: Observation, belief: Belief, config: RegisterConfig) -> Found:
@@ -136,15 +145,17 @@ def _with_belief(solutions: Solutions, belief: Belief) -> Solutions:
     )
 
 
-def _chosen(at: RegistrationMap, observation: Observation, found: Found, config: RegisterConfig) -> Registration:
+def _chosen(
+    at: RegistrationMap, observation: Observation, found: Found, how: tuple[Belief, RegisterConfig]
+) -> Registration:
     solutions = found.solutions
     basins = different(solutions, _ALTERNATIVES, BASIN_MM, BASIN_RAD)
     poses = Pose(solutions.poses[basins], at.anatomy.frame, CAMERA)
     covariance = covariance_of(solutions, 0)
     evidence = Evidence.of(at, observation, found, basins, covariance)
     chance = probability(evidence)
-    reason = _at_limit(observation.scale, float(solutions.log_scales[0]))
-    reason = refusal(evidence, chance, config.least_probability) if reason is None else reason
+    reason = at_limit(observation.scale, float(solutions.log_scales[0])) or too_little(*how)
+    reason = refusal(evidence, chance, how[1].least_probability) if reason is None else reason
     return Registration(
         anatomy_T_camera=poses[0] if reason is None else None,
         best=poses[0],
@@ -159,7 +170,19 @@ def _chosen(at: RegistrationMap, observation: Observation, found: Found, config:
     )
 
 
-def _at_limit(scale: Scale, log_scale: float) -> str | None:
+def too_little(belief: Belief, config: RegisterConfig) -> str | None:
+    """Why a probability tells little: less is tried than it was fitted with; None if not, or where any will do."""
+    fitted = _FROM_POSE if belief.only_poses else RegisterConfig()
+    enough = all(getattr(config, name) >= getattr(fitted, name) for name in ("starts", "finalists", "aside"))
+    if enough or not config.least_probability:
+        return None
+    return (
+        f"less was tried than its probability was fitted with ({fitted.starts} starts, {fitted.finalists} finalists, "
+        f"{fitted.aside} beside the best): try as much, or take any with a least probability of 0"
+    )
+
+
+def at_limit(scale: Scale, log_scale: float) -> str | None:
     """Why a scale that was sought between limits tells nothing; None where it came to rest between them."""
     factor = float(np.exp(log_scale))
     if scale.kind != "unknown" or scale.low * _LIMIT < factor < scale.high / _LIMIT:

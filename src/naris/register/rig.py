@@ -85,6 +85,12 @@ def read_rig(path: Path, unit_mm: float) -> Rig:
     return Rig(depths, tuple(intrinsics for _, _, intrinsics, _ in whole), poses, sds)
 
 
+def depths_of(path: Path) -> list[Path]:
+    """The files that the views of a JSON file name, of one that `read_rig` has read."""
+    views = json.loads(path.read_bytes())["views"]
+    return [path.parent / view[key] for view in views for key in ("depth", _SD) if key in view]
+
+
 def _whole(view: Any, told: dict[str, Any], where: str) -> tuple[str, str | None, Intrinsics, Pose]:
     """Depth, its deviations, camera and pose of one view."""
     shared = {key: told[key] for key in ("intrinsics",) if key in told}

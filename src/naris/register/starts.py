@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from naris.core.anatomy import NOWHERE, RegionSet
-from naris.core.pose import Pose
+from naris.core.pose import CAMERA, Pose
 from naris.core.results import Prediction
 from naris.errors import InputError, PoseError, RegionError
 from naris.register.compare import Fits, Search, compare
@@ -27,6 +27,7 @@ _FEW = 3
 _PRIOR_SD = 2.0  # how far a scale may begin from its prior
 _ASKED = 3000  # starts of the first view that the other views are asked about
 _NONE, _LATER = 2**30, 2**24  # instead of a sum of differences: there is no start; above all of those who were asked
+_TINY = 1e-9  # mm² or rad² that a variance may lie below 0
 _CAP = 24  # steps of `quantised`: a factor of 1.8
 
 
@@ -62,14 +63,34 @@ class Belief:
         covariance: (M, 6, 6) of their twists in the camera (mm, rad).
         orientation: how the camera may be turned, for starts that are no poses.
         only_poses: begin from the poses alone, and then a little beside the best that they led to.
+
+    Raises:
+        PoseError: if the poses are not of a camera, or not one after the other.
+        InputError: if there are none to begin from alone, or the covariances are not of them.
     """
 
     regions: RegionSet | None = None
     chances: Mapping[str, float] = field(default_factory=dict)
     poses: Pose | None = None
-    covariance: Float[np.ndarray, "m 6 6"] | None = None
+    covariance: Float[np.ndarray, "..."] | None = None
     orientation: Orientation = Orientation()
     only_poses: bool = False
+
+    def __post_init__(self) -> None:
+        count = 0
+        if self.poses is not None:
+            if self.poses.source != CAMERA or len(self.poses.shape) != 1:
+                got = f"{self.poses.shape} {self.poses.target}_T_{self.poses.source}"
+                raise PoseError("poses anatomy_T_camera (M,)", got, "convert them first")
+            count = len(self.poses)
+        if self.only_poses and not count:
+            raise InputError("poses to begin from alone", "none", "give some, or begin from nothing")
+        if self.covariance is not None:
+            if np.shape(self.covariance) != (count, 6, 6):
+                got = f"{np.shape(self.covariance)}"
+                raise InputError(f"a covariance (6, 6) for each of {count} poses", got, "give one for each")
+            if not (np.linalg.eigvalsh(self.covariance) >= -0.5 * _TINY).all():
+                raise InputError("covariances without a negative variance", "others", "correct them")
 
     def chance(self, places_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Of the region of each place; 1 where nothing is known, 0 in no region."""
@@ -94,8 +115,16 @@ def in_region(regions: RegionSet, name: str, orientation: Orientation = Orientat
     return Belief(regions, {name: 1.0}, orientation=orientation)
 
 
-def near(poses: Pose, covariance: Float[np.ndarray, "m 6 6"]) -> Belief:
-    """The camera is at one of those poses, give or take, and nowhere else."""
+def near(poses: Pose, covariance: Float[np.ndarray, "..."]) -> Belief:
+    """The camera is at one of those poses, give or take, and nowhere else. All of them are begun from.
+
+    Args:
+        poses: `anatomy_T_camera` (M,), or one.
+        covariance: (M, 6, 6) of their twists in the camera (mm, rad).
+
+    Raises:
+        PoseError, InputError: as `Belief`.
+    """
     return Belief(poses=poses.reshape(-1), covariance=covariance, only_poses=True)
 
 
@@ -135,7 +164,8 @@ def find_starts(
         PoseError: if the believed poses are in another frame.
         RegionError: if no place of the anatomy lies in a region of some chance.
     """
-    given = _beside(at, belief, observation, count if belief.only_poses else count // 3, rng)
+    many = 0 if belief.poses is None else len(belief.poses)
+    given = _beside(at, belief, observation, max(count, many) if belief.only_poses else count // 3, rng)
     if belief.only_poses:
         return given
     found = _that_fit(at, observation, belief, count - len(given.poses))
@@ -154,7 +184,7 @@ def _beside(
     m = len(poses)
     numbers = np.arange(count) % m
     spread_by = np.tile(np.diag([1.0, 1.0, 1.0, 0.01, 0.01, 0.01]), (m, 1, 1))
-    roots = np.linalg.cholesky((spread_by if belief.covariance is None else belief.covariance) + 1e-9 * np.eye(6))
+    roots = np.linalg.cholesky((spread_by if belief.covariance is None else belief.covariance) + _TINY * np.eye(6))
     twists = np.einsum("nij,nj->ni", roots[numbers], rng.standard_normal((count, 6)))
     twists[:m] = 0.0
     moved = np.array((poses[numbers] @ Pose.exp(twists, poses.source, poses.source)).matrix)

@@ -209,6 +209,14 @@ def test_a_known_scale_is_kept_an_unknown_one_found_and_a_prior_counts(at, modes
     assert held.scale_sd < unknown.scale_sd
 
 
+def test_a_scale_that_ends_at_its_limit_is_no_answer(at, modes, pose, depth_mm):
+    sought = Scale("unknown", low=1.5, high=1.98)
+    found = refine(at, modes, from_depth(depth_mm / 2, EYE, CLEAN, sought), beside(pose, np.log(1.9)), steps=60)
+    assert found.scale > 1.96
+    assert found.status == "refused" and found.anatomy_T_camera is None
+    assert "limit of what was sought, 1.5 to 1.98 mm a unit" in found.reason
+
+
 def test_few_vague_points_leave_the_shape_at_its_prior(at, modes, pose, depth_mm):
     few = points_of(depth_mm)[:: len(points_of(depth_mm)) // 15]
     found = refine(at, modes, from_points(few, PointNoise(4.0)), beside(pose))

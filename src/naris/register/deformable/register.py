@@ -24,8 +24,10 @@ from naris.register.deformable.solve import Ended, descended
 from naris.register.deformable.walls import Places, Walls
 from naris.register.equations import POSE
 from naris.register.map import RegistrationMap
+from naris.register.noise import Scale
 from naris.register.observation import Observation
 from naris.register.rays import memory_for, prepared
+from naris.register.register import at_limit
 from naris.register.solve import Solutions, coarse, different
 from naris.register.starts import NOTHING, Belief, Starts, find_starts
 
@@ -120,7 +122,7 @@ def _best(
     basins = different(solutions, 2, _BASIN_MM, _BASIN_RAD)
     margin = float(odds[order[basins[1]]] - odds[order[0]]) if len(basins) > 1 else np.inf
     problem, end = ends[order[0]]
-    return _told(problem, end, np.inf if np.isnan(margin) else margin)
+    return _told(problem, end, observation.scale, np.inf if np.isnan(margin) else margin)
 
 
 def _with_shape_as_noise(observation: Observation, off_mm: float) -> Observation:
@@ -145,7 +147,7 @@ def _around(problem: Problem, state: State) -> Problem:
     return replace(problem, faces=faces, at_mean=Walls(problem.at_mean.vertices_mm, faces, problem.model.inside))
 
 
-def _told(problem: Problem, end: Ended, margin: float) -> DeformableRegistration:
+def _told(problem: Problem, end: Ended, scale: Scale, margin: float) -> DeformableRegistration:
     """The result, refused or not."""
     state, first, frame = end.state, problem.first_weight, problem.modes.mean.frame
     covariance = np.linalg.inv(end.at.matrix + 1e-9 * np.eye(problem.unknowns))
@@ -173,7 +175,7 @@ def _told(problem: Problem, end: Ended, margin: float) -> DeformableRegistration
         iterations=end.steps,
         converged=end.converged,
     )
-    reason = refusal(found) or closed or (None if len(problem.modes) else _RIGID)
+    reason = at_limit(scale, state.log_scale) or refusal(found) or closed or (None if len(problem.modes) else _RIGID)
     if reason is not None:
         return replace(found, reason=reason)
     return replace(found, status="registered", anatomy_T_camera=pose)
