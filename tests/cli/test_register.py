@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+import shutil
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.anatomy.shape_model import ShapeModel, save_shape_model
 from naris.bench.trials import drawn_trials
 from naris.cli import main
-from naris.cli.register import Options, _doubts
+from naris.cli.register import Options
+from naris.cli.registration import doubts
+from naris.core.anatomy import SlabRegions
 from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA as CAMERA_FRAME
 from naris.core.pose import Pose, distance
@@ -79,7 +82,9 @@ def test_depth_gives_a_pose_with_all_its_files_or_none(
     assert kept["anatomy_T_camera"] == told["anatomy_T_camera"]
     files = {"depth": seen / "depth.npy", "intrinsics": seen / "camera.json"}
     given = {name: {"sha256": file_digest(file)} for name, file in files.items()} | {"probability": 0.0}
-    assert kept["made_from"] == {"naris": naris.__version__, "seed": 0, "options": given}
+    made = kept["made_from"]
+    assert set(made["options"].pop("anatomy")) == {"sha256_of_files"}
+    assert made == {"naris": naris.__version__, "seed": 0, "options": given}
     with Image.open(out / "overlay.png") as picture:
         assert picture.size == (CAMERA.width, CAMERA.height)
 
@@ -132,10 +137,87 @@ def test_a_reconstruction_is_registered_from_one_of_its_pictures(
     assert told["scale_kind"] == "unknown" and (told["views"] == 1) == bool(more)
     assert "shot" not in (tmp_path / "out" / "registration.json").read_text()  # names may tell patients
     given = told["made_from"]["options"]
-    assert set(given) == {"cloud", "view", "scale", "frame", "probability"} | {one.lstrip("-") for one in more}
+    names = {"anatomy", "cloud", "view", "scale", "frame", "probability"}
+    assert set(given) == names | {one.lstrip("-") for one in more}
     assert set(given["cloud"]) == {"sha256_of_files"} and given["scale"] == "unknown"
     off = np.linalg.norm(np.array(told["anatomy_T_camera"])[:3, 3] - np.load(seen / "truth.npy")[:3, 3])
     assert off < 2 or told["margin"] is not None
+
+
+def test_a_folder_of_the_patient_is_no_folder_for_results(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Neither the anatomy beside which one writes, nor a deformed one that one begins from, is overwritten."""
+    (tmp_path / "patient").mkdir()
+    shutil.copytree(tube, tmp_path / "patient" / "anatomy")
+    shutil.copytree(tube, tmp_path / "alone" / "deformed")
+    shutil.copytree(tube, tmp_path / "earlier" / "deformed")
+    (tmp_path / "earlier" / "registration.json").write_text("{}")
+    before = {one: file_digest(one) for one in tmp_path.rglob("*") if one.is_file()}
+    for folder, anatomy, message in (
+        ("patient", tmp_path / "patient" / "anatomy", "other files in"),
+        ("alone", tube, "deformed alone in"),
+        ("earlier", tmp_path / "earlier" / "deformed", "an ANATOMY outside of"),
+    ):
+        given = ["--depth", str(seen / "depth.npy"), "-o", str(tmp_path / folder)]
+        assert main(words(anatomy, seen, *given)) == 2
+        assert message in capfd.readouterr().err
+    assert {one: file_digest(one) for one in tmp_path.rglob("*") if one.is_file()} == before
+
+
+def test_what_a_rig_names_is_part_of_what_a_pose_was_made_from(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for file in seen.glob("rig*"):
+        shutil.copy(file, tmp_path)
+    made = []
+    for _ in range(2):
+        given = ["--rig", str(tmp_path / "rig.json"), "--probability", "0", "--json", "--quiet"]
+        assert main(["register", str(tube), *given]) == 0
+        made.append(json.loads(capfd.readouterr().out)["made_from"]["options"]["rig"])
+        np.save(tmp_path / "rig1.npy", np.load(tmp_path / "rig1.npy") + 0.01)
+    one, other = made
+    assert one["sha256"] == other["sha256"] and len(one["depths"]) == len(ASIDE)
+    assert [a == b for a, b in zip(one["depths"], other["depths"], strict=True)] == [True, False, True]
+
+
+def test_in_another_frame_than_lps_nothing_is_kept_for_slicer(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    save_anatomy(replace(load_anatomy(str(tube)), frame="mean"), tmp_path / "mean")
+    given = ["--depth", str(seen / "depth.npy"), "--probability", "0", "-o", str(tmp_path / "out")]
+    assert main(words(tmp_path / "mean", seen, *given)) == 0
+    assert {one.name for one in (tmp_path / "out").iterdir()} == {"registration.json", "view.png", "overlay.png"}
+    assert "nothing for 3D Slicer: the anatomy is in the frame mean" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("more", ["--contours", "--shading"])
+def test_a_picture_that_moves_nothing_refuses_nothing(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], more: str
+) -> None:
+    """A pose 1 mm outside of the region that was named stands, whatever a blank picture is asked."""
+    y = float(np.load(seen / "truth.npy")[1, 3])
+    slabs = SlabRegions("slabs", ("before", "behind"), "LPS", 1, (y - 1.0,))
+    save_anatomy(replace(load_anatomy(str(tube)), regions={"slabs": slabs}), tmp_path / "cut")
+    given = ["--depth", str(seen / "depth.npy"), "--frame", str(seen / "frame.png"), "--region", "before"]
+    status = main(words(tmp_path / "cut", seen, *given, "--probability", "0", "--json", more))
+    told = json.loads(capfd.readouterr().out)
+    assert (told[more[2:]]["used"], told[more[2:]]["moved_mm"]) == (False, 0)
+    assert status == 0 and told["anatomy_T_camera"][1][3] > y - 0.9
+
+
+def test_a_shape_is_refused_outside_of_the_region_that_was_named(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from naris.register.deformable import register as deformable
+
+    monkeypatch.setattr(deformable, "refusal", lambda _: None)
+    y = float(np.load(seen / "truth.npy")[1, 3])
+    slabs = SlabRegions("slabs", ("before", "behind"), "LPS", 1, (y - 3.0,))
+    save_anatomy(replace(load_anatomy(str(tube)), regions={"slabs": slabs}), tmp_path / "cut")
+    given = ["--depth", str(seen / "depth.npy"), "--region", "before", "--modes", "2"]
+    assert main(words(tmp_path / "cut", seen, *given)) == 1
+    assert "not in before as was named" in capfd.readouterr().out
 
 
 def test_a_region_of_another_set_is_told_where_it_is(seen: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -165,8 +247,8 @@ def test_a_refusal_of_points_in_another_unit_tells_how_near_they_are(
 
 
 def test_a_refusal_names_what_was_taken_for_granted() -> None:
-    assert _doubts(Options("builtin")) == []
-    [told] = _doubts(Options("builtin", region="right vestibule", rig=Path("rig.json")))
+    assert doubts(Options("builtin")) == []
+    [told] = doubts(Options("builtin", region="right vestibule", rig=Path("rig.json")))
     assert "in right vestibule" in told
     assert "poses of the cameras" in told
 
@@ -296,6 +378,10 @@ def test_another_method_can_be_chosen(
         (["--depth", "{seen}/depth.npy", "--modes", "5", "--method", "icp"], "--method naris with a shape"),
         (["--depth", "{seen}/depth.npy", "--shape-model", "{seen}"], "a shape model in"),
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "1000"], "check the unit"),
+        (
+            ["--depth", "{seen}/depth.npy", "--scale", "prior", "--scale-factor", "1", "--scale-spread", "1e-300"],
+            "a deviation (1e-6 or more) for a prior",
+        ),
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "40"], "mm across, got a median of"),
         (["--cloud", "{seen}/points.txt"], "--intrinsics only with the --frame of that camera beside --cloud FILE"),
         (["--depth", "{seen}/depth.npy", "--frame", "{seen}/depth.png", "--noise", "-1"], "--noise"),
@@ -346,11 +432,11 @@ def test_a_shape_is_estimated_with_the_pose_and_kept_beside_it(
     assert len(told["weights"]) == len(told["weight_sd"]) == 8
     assert max(told["weight_sd"]) <= 1.001 and told["scale"] == 1.0
     assert told["made_from"]["options"]["modes"] == 8
-    deformed = load_anatomy(str(out / "anatomy"))
+    deformed = load_anatomy(str(out / "deformed"))
     assert deformed.digest == told["deformed"]["digest"] != told["anatomy"]["digest"]
     assert deformed.region_set("slabs").names == ("one", "two", "three", "four")
     assert np.load(out / "vertex_sd_mm.npy").shape == (len(deformed.vertices_mm),)
-    assert str(out / "anatomy") in told["files"] and (out / "anatomy_T_camera.tfm").is_file()
+    assert str(out / "deformed") in told["files"] and (out / "anatomy_T_camera.tfm").is_file()
     # A later one that is refused leaves nothing that looks like an answer.
     monkeypatch.setattr(deformable, "refusal", lambda _: "it is not sure")
     assert main(arguments) == 1

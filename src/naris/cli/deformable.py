@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from naris.cli.registered import LOOSENESS, SHAPE, looks_of, made_from, write_registered
+from naris.cli.registered import LOOSENESS, looks_of, write_registered
+from naris.cli.registration import notes_on, of_scale
 from naris.errors import InputError
 
 if TYPE_CHECKING:
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from naris.cli.console import Console
     from naris.cli.observed import Seen
     from naris.cli.register import Options
-    from naris.core.anatomy import Anatomy
+    from naris.core.anatomy import Anatomy, RegionSet
     from naris.register.deformable.modes import Modes
     from naris.register.deformable.result import DeformableRegistration
     from naris.register.starts import Belief
@@ -23,39 +25,48 @@ REFUSED = 1
 SCHEMA = "naris.deformable-registration/1"
 
 
-def register_shape(
-    options: Options, anatomy: Anatomy, seen: Seen, more: tuple[Belief, np.ndarray | None], console: Console
-) -> int:
-    """Registers and tells pose and shape; exit status 1 where they are refused.
+@dataclass(frozen=True, eq=False)
+class Shaped:
+    """What is known beside what was seen.
 
-    Args:
-        options: of the verb.
-        anatomy: the mean.
-        seen: what was seen.
-        more: what is believed of the pose, and the picture that walls are drawn on.
-        console: to answer on.
+    Attributes:
+        belief: of the pose.
+        model: what a model said of the frame, if one was asked.
+        ground: the picture that walls are drawn on, if there is one.
+        regions: that a region is named of.
+        made_from: of `made_from`.
     """
+
+    belief: Belief
+    model: dict[str, Any] | None
+    ground: np.ndarray | None
+    regions: RegionSet
+    made_from: dict[str, Any]
+
+
+def register_shape(options: Options, anatomy: Anatomy, seen: Seen, known: Shaped, console: Console) -> int:
+    """Registers and tells pose and shape; exit status 1 where they are refused."""
     from naris.cli.anatomies import map_of
     from naris.register.deformable.register import DeformableConfig, register_deformable
 
-    belief, ground = more
     with console.progress.task("preparing the anatomy", 1) as advance:
         modes, at = _modes(options, anatomy), map_of(anatomy)
         advance(1)
     with console.progress.task("registering", 1) as advance:
-        found = register_deformable(at, modes, seen.observation, belief, DeformableConfig(seed=options.seed))
+        found = register_deformable(at, modes, seen.observation, known.belief, DeformableConfig(seed=options.seed))
         advance(1)
-    data = _told(found, anatomy, seen) | {"made_from": made_from(options)}
+    if options.region is not None:
+        from naris.register.named import unless_elsewhere
+
+        found = unless_elsewhere(found, found.deformed.region_set(known.regions.name), options.region)
+    data = _told(found, anatomy, seen) | {"model": known.model, "made_from": known.made_from}
     if options.out is not None:
         pose = found.anatomy_T_camera
-        looks = looks_of(pose, found.deformed, seen, ground, flickers=options.frame is not None)
+        looks = looks_of(pose, found.deformed, seen, known.ground, flickers=options.frame is not None)
         shown = anatomy if pose is None else found.deformed
-        data["files"] = write_registered(options.out, pose, shown, looks | _shape(found), data)
-        if pose is not None:
-            from naris.anatomy.folder import save_anatomy
-
-            save_anatomy(found.deformed, options.out / SHAPE)
-            data["files"].append(str(options.out / SHAPE))
+        data["files"] = write_registered(
+            options.out, pose, shown, looks | _shape(found), data, deformed=pose is not None
+        )
     console.answer(data, _text(data))
     return 0 if found.status == "registered" else REFUSED
 
@@ -98,9 +109,8 @@ def _told(found: DeformableRegistration, anatomy: Anatomy, seen: Seen) -> dict[s
         "deformed": None if pose is None else {"name": deformed.name, "digest": deformed.digest},
         "anatomy_T_camera": None if pose is None else pose.matrix.tolist(),
         "best_guess": found.best.matrix.tolist(),
-        "scale": found.scale,
+        **of_scale(found.scale, seen.observation),
         "scale_sd": found.scale_sd,
-        "scale_kind": seen.observation.scale.kind,
         "weights": found.weights.tolist(),
         "weight_sd": found.weight_sd.tolist(),
         "vertex_sd_mm": {"median": float(np.median(found.vertex_sd_mm)), "most": float(found.vertex_sd_mm.max())},
@@ -128,7 +138,8 @@ def _text(data: dict[str, Any]) -> str:
     x, y, z = (row[3] for row in data["best_guess"][:3])
     where = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in {data['anatomy']['frame']} of {data['anatomy']['name']}"
     if data["status"] == "refused":
-        return f"refused: {data['reason']}\n  best guess near {where}, not to be used"
+        guess = f"  best guess near {where}, not to be used"
+        return "\n".join([f"refused: {data['reason']}", guess, *notes_on(data)])
     known = sum(sd < 0.5 for sd in data["weight_sd"])
     scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} mm per unit"
     lines = [
@@ -136,6 +147,7 @@ def _text(data: dict[str, Any]) -> str:
         f"  walls in view known to {data['target_sd_mm']:.1f} mm and {data['turn_sd_deg']:.1f}°, points "
         f"{data['residuals']['median_mm']:.2f} mm off them; {known} of {len(data['weights'])} modes told by the view",
         "  these are standard deviations for patients like the model's, not a probability",
+        *notes_on(data),
     ]
     lines += [f"  kept in {file}" for file in data.get("files", [])]
     return "\n".join(lines)

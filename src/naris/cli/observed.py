@@ -136,6 +136,8 @@ def observe(options: Options) -> Seen:
         from naris.register.rig import read_rig
 
         rig = read_rig(options.rig, unit_mm)
+        if all(sd is not None for sd in rig.sds):
+            refuse(options, ("noise",), "only without depth_sd of all views", f"{options.rig.name}, which names them")
         scale = _scale(options, rig.depths[0])
         return Seen(rig.observed(_noise(options, scale), scale), rig.intrinsics[0], rig.depths[0])
     from naris.cli.cameras import read_intrinsics

@@ -11,7 +11,8 @@ import tyro
 from naris.cli.console import Console
 from naris.cli.observed import check_observation, ground_of, observe
 from naris.cli.options import IfGiven, refuse
-from naris.cli.registered import OWN, look_of_refused, looks_of, made_from, write_registered
+from naris.cli.registered import check_folder, look_of_refused, looks_of, made_from, write_registered
+from naris.cli.registration import doubts, text, told
 from naris.errors import InputError, RegionError
 
 if TYPE_CHECKING:
@@ -21,13 +22,9 @@ if TYPE_CHECKING:
     from naris.core.anatomy import Anatomy, RegionSet
     from naris.core.results import Registration
     from naris.register.map import RegistrationMap
-    from naris.register.observation import Observation
     from naris.register.starts import Belief
 
 REFUSED = 1
-SCHEMA = "naris.registration/1"
-_LOOSEST = 1e3  # mm or rad: a deviation that says only that nothing holds the pose
-_FAR_OFF_SD = 3.0
 
 
 @dataclass(frozen=True)
@@ -110,19 +107,19 @@ class Options:
 def run(options: Options, console: Console) -> int:
     """Registers and tells the pose; exit status 1 where it is refused."""
     from naris.cli.anatomies import map_of, open_anatomy
-    from naris.cli.folders import check_own
 
     _check(options)
     if options.out is not None:
-        check_own(options.out, OWN, "a registration")
+        check_folder(options.out, options.anatomy)
     seen = observe(options)
+    made = made_from(options)
     ground = ground_of(options, seen)
     anatomy, regions = open_anatomy(options.anatomy, options.regions)
     belief, believed = _belief(options, anatomy, regions)
     if options.shape_model is not None or options.modes is not None:
-        from naris.cli.deformable import register_shape
+        from naris.cli.deformable import Shaped, register_shape
 
-        return register_shape(options, anatomy, seen, (belief, ground), console)
+        return register_shape(options, anatomy, seen, Shaped(belief, believed, ground, regions, made), console)
     with console.progress.task("preparing the anatomy", 1) as advance:
         at = map_of(anatomy)
         advance(1)
@@ -134,8 +131,8 @@ def run(options: Options, console: Console) -> int:
 
         found = unless_elsewhere(found, regions, options.region)
     found, by_frame = _with_frame(options, found, (at, belief), seen, ground)
-    data = _told(found, anatomy, seen.observation, options.method) | by_frame | {"model": believed}
-    data["made_from"] = made_from(options)
+    data = told(found, anatomy, seen.observation, options.method) | by_frame | {"model": believed}
+    data["made_from"] = made
     if options.out is not None:
         pose = found.anatomy_T_camera
         if pose is None:
@@ -143,7 +140,7 @@ def run(options: Options, console: Console) -> int:
         else:
             looks = looks_of(pose, anatomy, seen, ground, flickers=options.frame is not None)
         data["files"] = write_registered(options.out, pose, anatomy, looks, data)
-    console.answer(data, _text(data, _doubts(options)))
+    console.answer(data, text(data, doubts(options)))
     return 0 if found.status == "registered" else REFUSED
 
 
@@ -200,6 +197,7 @@ def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> tuple[Bel
     if options.model is None or options.frame is None:
         return replace(NOTHING, orientation=orientation), None
     from naris.cli.models import open_model
+    from naris.dataset.layout import RegionLabels
     from naris.errors import CheckpointError
     from naris.locate import is_strange, locate
 
@@ -209,16 +207,21 @@ def _belief(options: Options, anatomy: Anatomy, regions: RegionSet) -> tuple[Bel
         raise CheckpointError(
             f"a model made for {anatomy.name}", f"one made for {subject.anatomy}", "train one on this anatomy"
         )
+    regions = anatomy.region_set(subject.regions.name)
+    if subject.regions.digest not in (None, RegionLabels.of(regions).digest):
+        raise CheckpointError(
+            f"a model of the regions {regions.name} of {anatomy.name}", "one of others", "train one on this anatomy"
+        )
     (prediction,) = locate([options.frame], localizer)
     used = not is_strange(prediction)
-    believed = of_prediction(prediction, anatomy.region_set(subject.regions.name)) if used else NOTHING
-    told = {
+    believed = of_prediction(prediction, regions) if used else NOTHING
+    said = {
         "region": prediction.region_name,
         "probability": float(prediction.probabilities.max()),
         "out_of_domain": prediction.out_of_domain,
         "used": used,
     }
-    return replace(believed, orientation=orientation), told
+    return replace(believed, orientation=orientation), said
 
 
 def _registered(
@@ -247,9 +250,9 @@ def _with_frame(
     frame: np.ndarray | None,
 ) -> tuple[Registration, dict[str, Any]]:
     """The pose as edges or shading of the frame have it, and what is told of them; None where that is not asked for."""
-    told: dict[str, Any] = {"contours": None, "shading": None}
+    by_frame: dict[str, Any] = {"contours": None, "shading": None}
     if not (options.contours or options.shading) or frame is None or seen.intrinsics is None:
-        return found, told
+        return found, by_frame
     import math
 
     from naris.register.astray import unless_astray
@@ -262,121 +265,12 @@ def _with_frame(
         made = sharpened(scene, found, frame, seen.intrinsics)
         before, after = (None if math.isnan(px) else px for px in made.off_px)
         moved = {"edges": made.edges, "used": made.moved_mm > 0, "moved_mm": made.moved_mm, "moved_deg": made.moved_deg}
-        told["contours"] = moved | {"off_px_before": before, "off_px_after": after}
-        return unless_astray(made.registration, *of, "--contours"), told
+        by_frame["contours"] = moved | {"off_px_before": before, "off_px_after": after}
+        return (unless_astray(made.registration, *of, "--contours") if moved["used"] else found), by_frame
     from naris.register.shading import reshaded
 
     shaded = reshaded(scene, found, frame, seen.intrinsics)
     moved = {"used": shaded.used, "moved_mm": shaded.moved_mm, "moved_deg": shaded.moved_deg}
     moved |= {"cost_before": shaded.cost[0], "cost_after": shaded.cost[1]}
-    return unless_astray(shaded.registration, *of, "--shading"), told | {"shading": moved}
-
-
-def _told(found: Registration, anatomy: Anatomy, seen: Observation, method: str) -> dict[str, Any]:
-    import numpy as np
-
-    sd = np.sqrt(np.diag(found.covariance))
-    scale, loose = seen.scale, sd.max() > _LOOSEST
-    off = (np.log(found.scale) - np.log(scale.factor)) / scale.sd_log if scale.kind == "prior" else None
-    return {
-        "schema": SCHEMA,
-        "status": found.status,
-        "method": method,
-        "picture_alone": seen.by_network,
-        "reason": found.reason,
-        "anatomy": {"name": anatomy.name, "digest": anatomy.digest, "frame": anatomy.frame},
-        "anatomy_T_camera": None if found.anatomy_T_camera is None else found.anatomy_T_camera.matrix.tolist(),
-        "best_guess": found.best.matrix.tolist(),
-        "probability": found.probability,
-        "scale": found.scale,
-        "scale_kind": scale.kind,
-        "scale_sought": [scale.low, scale.high] if scale.kind == "unknown" else None,
-        "scale_off_sd": None if off is None else float(off),
-        "median_mm": found.scale * float(np.median(seen.ranges)),
-        "margin": None if not np.isfinite(found.margin) else found.margin,
-        "cost": found.cost,
-        "covariance": None if loose else found.covariance.tolist(),
-        "sd_mm": None if loose else sd[:3].tolist(),
-        "sd_deg": None if loose else np.rad2deg(sd[3:]).tolist(),
-        "expected_tre_mm": None if loose or found.anatomy_T_camera is None else _expected(found, anatomy),
-        "alternatives": found.alternatives.matrix.tolist(),
-        "rays": len(seen),
-        "views": seen.views,
-    }
-
-
-def _expected(found: Registration, anatomy: Anatomy) -> dict[str, float]:
-    """Expected target registration errors, by the name of the place."""
-    import numpy as np
-
-    from naris.core.targets import expected_errors_mm
-    from naris.register.files import AHEAD, AHEAD_MM
-
-    places = {AHEAD: found.best.position_mm + AHEAD_MM * found.best.forward, **anatomy.landmarks_mm}
-    errors = expected_errors_mm(found.best, found.covariance, np.stack(list(places.values())))
-    return dict(zip(places, errors.tolist(), strict=True))
-
-
-def _doubts(options: Options) -> list[str]:
-    """What was said and not checked, for whoever wonders why a pose is refused."""
-    said = []
-    if options.region is not None:
-        said.append(f"that the camera is in {options.region}")
-    if options.rig is not None:
-        said.append("the poses of the cameras to each other")
-    return [f"  taken for granted, check it: {', and '.join(said)}"] if said else []
-
-
-def _text(data: dict[str, Any], doubts: list[str]) -> str:
-    from naris.register.files import AHEAD
-
-    x, y, z = (row[3] for row in data["best_guess"][:3])
-    where = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in {data['anatomy']['frame']} of {data['anatomy']['name']}"
-    strange = data["model"] is not None and not data["model"]["used"]
-    unused = ["  the frame is unlike all that the model has seen: what it says of it was not used"] if strange else []
-    kept = [f"  kept in {file}" for file in data.get("files", [])]
-    off = data["scale_off_sd"]
-    is_far = off is not None and abs(off) > _FAR_OFF_SD
-    if data["status"] == "refused":
-        guess = f"  best guess near {where}, not to be used"
-        odd = [f"  its scale is {data['scale']:.3g}, {abs(off):.1f} deviations from its prior"] if is_far else []
-        odd += _unusual(data["median_mm"]) if data["scale_kind"] == "known" else []
-        return "\n".join([f"refused: {data['reason']}", guess, *odd, *unused, *doubts, *kept])
-    unit = "times what the network says" if data["picture_alone"] else "mm per unit"
-    scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3g} {unit}"
-    lines = [
-        f"registered: camera at {where}, probability {data['probability']:.2f} to be within 2 mm and 5°{scale}",
-        *unused,
-    ]
-    if (expected := data["expected_tre_mm"]) is not None:
-        marks = [error for place, error in expected.items() if place != AHEAD]
-        there = f", {_mm(min(marks))} to {_mm(max(marks))} at the landmarks" if marks else ""
-        lines.append(f"  expected target registration error: {_mm(expected[AHEAD])} {AHEAD}{there}")
-    if data["picture_alone"]:
-        lines.append("  taken for granted: that the picture is of this anatomy; one tells little, look at the overlay")
-    if is_far:
-        lines.append(f"  the scale lies {abs(off):.1f} deviations from its prior: see which of them is right")
-    if (edges := data["contours"]) is not None:
-        moved = f"moved by {edges['moved_mm']:.2f} mm and {edges['moved_deg']:.1f}°" if edges["used"] else "not moved"
-        lines.append(
-            f"  by edges of the frame: {moved}, {edges['edges']} places on edges of walls have one beside them"
-        )
-    if (shading := data["shading"]) is not None:
-        moved = f"moved by {shading['moved_mm']:.2f} mm and {shading['moved_deg']:.1f}°"
-        other = "not moved, it is not shaded as the walls there: see that it is the right one"
-        lines.append(f"  by the shading of the frame: {moved if shading['used'] else other}")
-    return "\n".join([*lines, *kept])
-
-
-def _unusual(median_mm: float) -> list[str]:
-    """Of distances that hardly an endoscope has."""
-    from naris.register.noise import ENDOSCOPIC_MM
-
-    low, high = ENDOSCOPIC_MM
-    if low <= median_mm <= high:
-        return []
-    return [f"  the median distance is {median_mm:.3g} mm, where {low:g} to {high:g} are usual: check the unit"]
-
-
-def _mm(length: float) -> str:
-    return "less than 0.1 mm" if length < 0.1 else f"{length:.1f} mm"
+    by_frame["shading"] = moved
+    return (unless_astray(shaded.registration, *of, "--shading") if shaded.used else found), by_frame

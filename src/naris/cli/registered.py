@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import naris
+from naris.cli.folders import check_own
+from naris.core.provenance import file_digest
+from naris.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,36 +23,56 @@ if TYPE_CHECKING:
 RESULT, LANDMARKS = "registration.json", "landmarks.mrk.json"
 TRANSFORM, HDF5 = "anatomy_T_camera.tfm", "anatomy_T_camera.h5"
 VIEW, OVERLAY, FLICKER, REFUSED = "view.png", "overlay.png", "flicker.gif", "refused.png"
-SHAPE, LOOSENESS = "anatomy", "vertex_sd_mm.npy"
+SHAPE, LOOSENESS = "deformed", "vertex_sd_mm.npy"
 _TOLD_ELSEWHERE = ("anatomy", "out", "seed")
 OWN = (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, REFUSED, SHAPE, LOOSENESS)
 
 
-def made_from(options: Options) -> dict[str, Any]:
-    """The version, and what was given: of files, folders and a view's name the SHA-256, for names may tell patients."""
-    import naris
+def check_folder(folder: Path, anatomy: str) -> None:
+    """See that what is kept there can be written without a loss.
 
+    Args:
+        folder: of `-o`.
+        anatomy: as it was named.
+
+    Raises:
+        InputError: if it holds anything else than an earlier registration, or the anatomy itself.
+    """
+    check_own(folder, OWN, "a registration")
+    if (folder / SHAPE).exists() and not (folder / RESULT).is_file():
+        raise InputError(
+            "a new or empty folder, or one with a registration", f"{SHAPE} alone in {folder}", "give another path"
+        )
+    if Path(anatomy).exists() and Path(anatomy).resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"an ANATOMY outside of {folder}", "one that would be overwritten", "give another path to -o")
+
+
+def made_from(options: Options) -> dict[str, Any]:
+    """The version, and what was given: of files and folders the SHA-256, for their names may tell patients."""
     told: dict[str, Any] = {}
     for field in fields(options):
         value = getattr(options, field.name)
         if field.name in _TOLD_ELSEWHERE or (field.default is not MISSING and value == field.default):
             continue
-        told[field.name] = _digest(value) if isinstance(value, Path) or field.name == "view" else value
+        told[field.name] = _digest(value) if isinstance(value, Path) else value
+    where = Path(options.anatomy)
+    told["anatomy"] = _digest(where) if where.exists() else options.anatomy
+    if options.view is not None:
+        told["view"] = True  # so may the name of a picture, and a digest of so few words is read like them
+    if options.rig is not None:
+        from naris.register.rig import depths_of
+
+        told["rig"]["depths"] = [_digest(file) for file in depths_of(options.rig)]
     return {"naris": naris.__version__, "seed": options.seed, "options": told}
 
 
-def _digest(of: Path | str) -> dict[str, str]:
-    """Of a folder over the sorted digests of its files, whatever they are called."""
-    import hashlib
-
-    from naris.core.provenance import file_digest
-
-    if isinstance(of, str):
-        return {"sha256": hashlib.sha256(of.encode()).hexdigest()}
-    if of.is_file():
-        return {"sha256": file_digest(of)}
-    each = sorted(file_digest(one) for one in of.rglob("*") if one.is_file())
-    return {"sha256_of_files": hashlib.sha256("\n".join(each).encode()).hexdigest()}
+def _digest(path: Path) -> dict[str, str]:
+    """Of a folder over its files, each with its digest and name."""
+    if path.is_file():
+        return {"sha256": file_digest(path)}
+    files = sorted(one for one in path.rglob("*") if one.is_file())
+    lines = "".join(f"{file_digest(one)}  {one.relative_to(path).as_posix()}\n" for one in files)
+    return {"sha256_of_files": hashlib.sha256(lines.encode()).hexdigest()}
 
 
 def looks_of(
@@ -77,25 +103,48 @@ def look_of_refused(best: Pose, anatomy: Anatomy, seen: Seen, ground: np.ndarray
 
 
 def write_registered(
-    folder: Path, pose: Pose | None, anatomy: Anatomy, looks: dict[str, bytes], data: dict[str, Any]
+    folder: Path,
+    pose: Pose | None,
+    anatomy: Anatomy,
+    looks: dict[str, bytes],
+    data: dict[str, Any],
+    *,
+    deformed: bool = False,
 ) -> list[str]:
-    """Writes them and tells the files. A refused pose gets no transform: nothing that looks like an answer."""
-    from naris.anatomy.folder import remove_anatomy
+    """Writes them and tells the files. A refused pose gets no transform: nothing that looks like an answer.
+
+    What an earlier registration left is taken away first and `RESULT` is written last: where it stands, all else is of
+    the same registration.
+
+    Args:
+        folder: new, empty or with an earlier registration (`check_folder`).
+        pose: of the camera, None where it was refused.
+        anatomy: that it is in.
+        looks: other files by name.
+        data: of `RESULT`.
+        deformed: whether the anatomy is to be kept as well, for its shape was estimated.
+    """
+    from naris.anatomy.folder import remove_anatomy, save_anatomy
     from naris.core.atomic import write_bytes, write_json, write_text
     from naris.register.files import slicer_landmarks, slicer_transform, write_slicer_hdf5
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, REFUSED, LOOSENESS):
+    for name in (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, REFUSED, LOOSENESS):
         (folder / name).unlink(missing_ok=True)
     remove_anatomy(folder / SHAPE)
-    written = [folder / RESULT, folder / LANDMARKS]
-    write_json(folder / RESULT, data)
-    write_json(folder / LANDMARKS, slicer_landmarks(anatomy, pose))
-    if pose is not None and anatomy.frame == "LPS":
-        write_text(folder / TRANSFORM, slicer_transform(pose))
-        write_slicer_hdf5(pose, folder / HDF5)
-        written += [folder / TRANSFORM, folder / HDF5]
+    written = [folder / RESULT]
+    if anatomy.frame == "LPS":
+        write_json(folder / LANDMARKS, slicer_landmarks(anatomy, pose))
+        written.append(folder / LANDMARKS)
+        if pose is not None:
+            write_text(folder / TRANSFORM, slicer_transform(pose))
+            write_slicer_hdf5(pose, folder / HDF5)
+            written += [folder / TRANSFORM, folder / HDF5]
     for name, content in looks.items():
         write_bytes(folder / name, content)
         written.append(folder / name)
+    if deformed:
+        save_anatomy(anatomy, folder / SHAPE)
+        written.append(folder / SHAPE)
+    write_json(folder / RESULT, data)
     return [str(file) for file in written]
