@@ -16,7 +16,9 @@ from naris.anatomy.folder import load_anatomy, save_anatomy
 from naris.anatomy.shape_model import ShapeModel, save_shape_model
 from naris.bench.trials import drawn_trials
 from naris.cli import main
+from naris.cli.observed import Seen
 from naris.cli.register import Options
+from naris.cli.registered import SCHEMAS, UNFINISHED
 from naris.cli.registration import doubts
 from naris.core.anatomy import SlabRegions
 from naris.core.camera import Intrinsics
@@ -24,6 +26,7 @@ from naris.core.pose import CAMERA as CAMERA_FRAME
 from naris.core.pose import Pose, distance
 from naris.core.provenance import file_digest
 from naris.register.libraries import LIBRARIES, missing
+from naris.register.observation import from_points
 from naris.render.scene import Scene, render
 from tests.conftest import shared_file
 from tests.register.sfm.colmap_models import model_of, write_binary, write_text
@@ -152,11 +155,17 @@ def test_a_folder_of_the_patient_is_no_folder_for_results(
     shutil.copytree(tube, tmp_path / "patient" / "anatomy")
     shutil.copytree(tube, tmp_path / "alone" / "deformed")
     shutil.copytree(tube, tmp_path / "earlier" / "deformed")
-    (tmp_path / "earlier" / "registration.json").write_text("{}")
+    (tmp_path / "earlier" / "registration.json").write_text(json.dumps({"schema": SCHEMAS[1]}))
+    for folder, names in (("pictures", ("view.png", "overlay.png")), ("other", ("registration.json",))):
+        (tmp_path / folder).mkdir()
+        for name in names:
+            (tmp_path / folder / name).write_text("{}")
     before = {one: file_digest(one) for one in tmp_path.rglob("*") if one.is_file()}
     for folder, anatomy, message in (
         ("patient", tmp_path / "patient" / "anatomy", "other files in"),
-        ("alone", tube, "deformed alone in"),
+        ("alone", tube, "deformed of another origin in"),
+        ("pictures", tube, "overlay.png, view.png of another origin in"),
+        ("other", tube, "registration.json of another origin in"),
         ("earlier", tmp_path / "earlier" / "deformed", "an ANATOMY outside of"),
     ):
         given = ["--depth", str(seen / "depth.npy"), "-o", str(tmp_path / folder)]
@@ -246,11 +255,32 @@ def test_a_refusal_of_points_in_another_unit_tells_how_near_they_are(
         assert (hint in capfd.readouterr().out) == told
 
 
-def test_a_refusal_names_what_was_taken_for_granted() -> None:
-    assert doubts(Options("builtin")) == []
-    [told] = doubts(Options("builtin", region="right vestibule", rig=Path("rig.json")))
-    assert "in right vestibule" in told
-    assert "poses of the cameras" in told
+def test_what_was_taken_for_granted_is_told(tube: Path, seen: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    points = Seen(from_points(np.loadtxt(seen / "points.txt")))
+    [granted] = doubts(Options("builtin", region="right vestibule", rig=Path("rig.json")), points)
+    assert "in right vestibule" in granted and "poses of the cameras" in granted and "mirrored" in granted
+    narrow = replace(points, intrinsics=Intrinsics.from_vertical_fov(48, 40, 45.0))
+    _, lens = doubts(Options("builtin", depth=Path("depth.npy")), narrow)
+    assert "a lens that sees 45°" in lens
+    for probability, status in (("0", 0), ("1", 1)):
+        given = ["--cloud", str(seen / "points.txt"), "--noise", "0.1", "--probability", probability, "--quiet"]
+        assert main(["register", str(tube), *given]) == status
+        assert "that the points are in the frame of the camera, and not mirrored" in capfd.readouterr().out
+
+
+def test_points_far_better_than_said_are_told_to_be(tube: Path, seen: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    given = ["--cloud", str(seen / "points.txt"), "--noise", "1", "--probability", "1", "--quiet"]
+    assert main(["register", str(tube), *given]) == 1
+    assert "times nearer to the walls than their noise was said to be" in capfd.readouterr().out
+
+
+def test_a_principal_point_in_the_corner_is_told(
+    tube: Path, seen: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "camera.json").write_text(json.dumps(asdict(replace(CAMERA, cx=CAMERA.width - 1.0))))
+    for camera, said in ((tmp_path / "camera.json", True), (seen / "camera.json", False)):
+        main(["register", str(tube), "--depth", str(seen / "depth.npy"), "--intrinsics", str(camera)])
+        assert ("check cx and cy" in capfd.readouterr().err) == said
 
 
 def test_a_refused_pose_leaves_no_transform(
@@ -258,7 +288,8 @@ def test_a_refused_pose_leaves_no_transform(
 ) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    (out / "anatomy_T_camera.tfm").write_text("of an earlier run")
+    (out / "registration.json").write_text(json.dumps({"schema": SCHEMAS[0], "status": UNFINISHED}))
+    (out / "anatomy_T_camera.tfm").write_text("of a run that was broken off")
     arguments = ["--depth", str(seen / "depth.png"), "--depth-unit-mm", "0.01", "-o", str(out), "--probability"]
     assert main(words(tube, seen, *arguments, "1")) == 1
     assert capfd.readouterr().out.startswith("refused: ")

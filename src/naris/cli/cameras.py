@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import logging
 from pathlib import Path
 
 from naris.core.camera import Intrinsics
 from naris.dataset.layout import intrinsics_from_json
 from naris.errors import InputError
+
+_log = logging.getLogger(__name__)
+_FAR_OFF = 0.2
 
 
 def read_intrinsics(path: Path) -> Intrinsics:
@@ -29,6 +33,15 @@ def read_intrinsics(path: Path) -> Intrinsics:
         raise InputError(f"intrinsics in JSON in {path.name}", "something else", todo) from error
     inner = content.get("intrinsics", content) if isinstance(content, dict) else content
     try:
-        return intrinsics_from_json(inner)
+        intrinsics = intrinsics_from_json(inner)
     except InputError as error:
         raise InputError(f"{error.expected} in {path.name}", error.got, todo) from error
+    off = max(abs((intrinsics.cx + 0.5) / intrinsics.width - 0.5), abs((intrinsics.cy + 0.5) / intrinsics.height - 0.5))
+    if off > _FAR_OFF:
+        _log.warning(
+            "%s puts the principal point %.0f %% of the picture from its middle: check cx and cy, for a wrong one "
+            "turns the pose",
+            path.name,
+            100 * off,
+        )
+    return intrinsics

@@ -6,7 +6,7 @@ import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from naris.cli.registered import LOOSENESS, looks_of, write_registered
+from naris.cli.registered import LOOSENESS, SCHEMAS, looks_of, write_registered
 from naris.cli.registration import notes_on, of_scale
 from naris.errors import InputError
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from naris.register.starts import Belief
 
 REFUSED = 1
-SCHEMA = "naris.deformable-registration/1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +101,7 @@ def _told(found: DeformableRegistration, anatomy: Anatomy, seen: Seen) -> dict[s
     pose, deformed = found.anatomy_T_camera, found.deformed
     sd = np.sqrt(np.diag(found.covariance))
     return {
-        "schema": SCHEMA,
+        "schema": SCHEMAS[1],
         "status": found.status,
         "reason": found.reason,
         "anatomy": {"name": anatomy.name, "digest": anatomy.digest, "frame": anatomy.frame},
@@ -140,12 +139,13 @@ def _text(data: dict[str, Any]) -> str:
     if data["status"] == "refused":
         guess = f"  best guess near {where}, not to be used"
         return "\n".join([f"refused: {data['reason']}", guess, *notes_on(data)])
-    known = sum(sd < 0.5 for sd in data["weight_sd"])
+    told = sum(1 - min(sd, 1.0) ** 2 for sd in data["weight_sd"])  # what is left of doubt: 1 where nothing was seen
     scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} mm per unit"
     lines = [
         f"registered: camera at {where}, deformed{scale}",
         f"  walls in view known to {data['target_sd_mm']:.1f} mm and {data['turn_sd_deg']:.1f}°, points "
-        f"{data['residuals']['median_mm']:.2f} mm off them; {known} of {len(data['weights'])} modes told by the view",
+        f"{data['residuals']['median_mm']:.2f} mm off them; the view tells as much as {told:.0f} of "
+        f"{len(data['weights'])} modes",
         "  these are standard deviations for patients like the model's, not a probability",
         *notes_on(data),
     ]

@@ -140,7 +140,7 @@ def run(options: Options, console: Console) -> int:
         else:
             looks = looks_of(pose, anatomy, seen, ground, flickers=options.frame is not None)
         data["files"] = write_registered(options.out, pose, anatomy, looks, data)
-    console.answer(data, text(data, doubts(options)))
+    console.answer(data, text(data, doubts(options, seen)))
     return 0 if found.status == "registered" else REFUSED
 
 

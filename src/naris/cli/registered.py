@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,9 @@ RESULT, LANDMARKS = "registration.json", "landmarks.mrk.json"
 TRANSFORM, HDF5 = "anatomy_T_camera.tfm", "anatomy_T_camera.h5"
 VIEW, OVERLAY, FLICKER, REFUSED = "view.png", "overlay.png", "flicker.gif", "refused.png"
 SHAPE, LOOSENESS = "deformed", "vertex_sd_mm.npy"
+SCHEMAS = ("naris.registration/1", "naris.deformable-registration/1")
+"""Of rigid registrations, and of those that estimate a shape."""
+UNFINISHED = "unfinished"
 _TOLD_ELSEWHERE = ("anatomy", "out", "seed")
 OWN = (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, REFUSED, SHAPE, LOOSENESS)
 
@@ -39,12 +43,21 @@ def check_folder(folder: Path, anatomy: str) -> None:
         InputError: if it holds anything else than an earlier registration, or the anatomy itself.
     """
     check_own(folder, OWN, "a registration")
-    if (folder / SHAPE).exists() and not (folder / RESULT).is_file():
-        raise InputError(
-            "a new or empty folder, or one with a registration", f"{SHAPE} alone in {folder}", "give another path"
-        )
+    others = sorted(one.name for one in folder.iterdir() if one.name in OWN) if folder.is_dir() else []
+    if others and not _is_registration(folder / RESULT):
+        got = f"{', '.join(others)} of another origin in {folder}"
+        raise InputError("a new or empty folder, or one with a registration", got, "give another path")
     if Path(anatomy).exists() and Path(anatomy).resolve().is_relative_to(folder.resolve()):
         raise InputError(f"an ANATOMY outside of {folder}", "one that would be overwritten", "give another path to -o")
+
+
+def _is_registration(file: Path) -> bool:
+    """Whether a file is the record of a registration, or of one that was broken off."""
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and content.get("schema") in SCHEMAS
 
 
 def made_from(options: Options) -> dict[str, Any]:
@@ -113,8 +126,8 @@ def write_registered(
 ) -> list[str]:
     """Writes them and tells the files. A refused pose gets no transform: nothing that looks like an answer.
 
-    What an earlier registration left is taken away first and `RESULT` is written last: where it stands, all else is of
-    the same registration.
+    First `RESULT` says that it is unfinished, then what an earlier registration left is taken away, and last `RESULT`
+    is written whole: what it tells, and all beside it, are of one registration.
 
     Args:
         folder: new, empty or with an earlier registration (`check_folder`).
@@ -129,7 +142,8 @@ def write_registered(
     from naris.register.files import slicer_landmarks, slicer_transform, write_slicer_hdf5
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (RESULT, LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, REFUSED, LOOSENESS):
+    write_json(folder / RESULT, {"schema": data["schema"], "status": UNFINISHED})
+    for name in (LANDMARKS, TRANSFORM, HDF5, VIEW, OVERLAY, FLICKER, REFUSED, LOOSENESS):
         (folder / name).unlink(missing_ok=True)
     remove_anatomy(folder / SHAPE)
     written = [folder / RESULT]

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from naris.cli.registered import SCHEMAS
+
 if TYPE_CHECKING:
+    from naris.cli.observed import Seen
     from naris.cli.register import Options
     from naris.core.anatomy import Anatomy
     from naris.core.results import Registration
     from naris.register.observation import Observation
 
-SCHEMA = "naris.registration/1"
 _LOOSEST = 1e3  # mm or rad: a deviation that says only that nothing holds the pose
 _FAR_OFF_SD = 3.0
+_FITTED_DEG = 60.0, 100.0
+"""Lenses so high may count as those of 80° that the probability was fitted on."""
 
 
 def told(found: Registration, anatomy: Anatomy, seen: Observation, method: str) -> dict[str, Any]:
@@ -22,7 +26,7 @@ def told(found: Registration, anatomy: Anatomy, seen: Observation, method: str) 
     sd = np.sqrt(np.diag(found.covariance))
     loose = sd.max() > _LOOSEST
     return {
-        "schema": SCHEMA,
+        "schema": SCHEMAS[0],
         "status": found.status,
         "method": method,
         "picture_alone": seen.by_network,
@@ -71,14 +75,22 @@ def _expected(found: Registration, anatomy: Anatomy) -> dict[str, float]:
     return dict(zip(places, errors.tolist(), strict=True))
 
 
-def doubts(options: Options) -> list[str]:
-    """What was said and not checked, for whoever wonders why a pose is refused."""
+def doubts(options: Options, seen: Seen) -> list[str]:
+    """What was said and not checked, for whoever wonders why a pose is refused, or believes one."""
     said = []
+    if options.cloud is not None:
+        said.append("that the points are in the frame of the camera, and not mirrored")
+    elif seen.estimate is None:
+        said.append("the intrinsics, and that nothing is mirrored")
     if options.region is not None:
         said.append(f"that the camera is in {options.region}")
     if options.rig is not None:
         said.append("the poses of the cameras to each other")
-    return [f"  taken for granted, check it: {', and '.join(said)}"] if said else []
+    lines = [f"  taken for granted, check it: {'; '.join(said)}"] if said else []
+    fov_deg = None if seen.intrinsics is None or seen.estimate is not None else seen.intrinsics.vertical_fov_deg
+    if fov_deg is not None and not _FITTED_DEG[0] <= fov_deg <= _FITTED_DEG[1]:
+        lines.append(f"  of a lens that sees {fov_deg:.0f}° the probability is a guess: it was fitted on 80°")
+    return lines
 
 
 def text(data: dict[str, Any], doubts: list[str]) -> str:
@@ -105,15 +117,25 @@ def text(data: dict[str, Any], doubts: list[str]) -> str:
     if data["picture_alone"]:
         lines.append("  taken for granted: that the picture is of this anatomy; one tells little, look at the overlay")
     if (edges := data["contours"]) is not None:
-        moved = f"moved by {edges['moved_mm']:.2f} mm and {edges['moved_deg']:.1f}°" if edges["used"] else "not moved"
-        lines.append(
-            f"  by edges of the frame: {moved}, {edges['edges']} places on edges of walls have one beside them"
-        )
+        lines.append(f"  by edges of the frame: {_by_edges(edges)}")
     if (shading := data["shading"]) is not None:
         moved = f"moved by {shading['moved_mm']:.2f} mm and {shading['moved_deg']:.1f}°"
         other = "not moved, it is not shaded as the walls there: see that it is the right one"
         lines.append(f"  by the shading of the frame: {moved if shading['used'] else other}")
-    return "\n".join([*lines, *kept])
+    return "\n".join([*lines, *doubts, *kept])
+
+
+def _by_edges(edges: dict[str, Any]) -> str:
+    """Whether they moved the pose, and why not."""
+    beside = f"{edges['edges']} places on edges of walls have one beside them"
+    if edges["used"]:
+        return f"moved by {edges['moved_mm']:.2f} mm and {edges['moved_deg']:.1f}°, {beside}"
+    before, after = edges["off_px_before"], edges["off_px_after"]
+    if before is None or after is None:
+        return f"not moved, too few: {beside}"
+    return (
+        f"not moved: {beside}, and they would lie {after:.1f} instead of {before:.1f} px from them; look at the overlay"
+    )
 
 
 def notes_on(data: dict[str, Any]) -> list[str]:
@@ -123,12 +145,12 @@ def notes_on(data: dict[str, Any]) -> list[str]:
     notes, off = [], data["scale_off_sd"]
     if data["model"] is not None and not data["model"]["used"]:
         notes.append("  the frame is unlike all that the model has seen: what it says of it was not used")
-    if off is not None and abs(off) > _FAR_OFF_SD:
-        notes.append(
-            f"  its scale is {data['scale']:.3g}, {abs(off):.1f} deviations from its prior: see which of them is right"
-        )
-    low, high = ENDOSCOPIC_MM
     by_network = data.get("picture_alone", False)
+    if off is not None and abs(off) > _FAR_OFF_SD:
+        what = "what the network says of distances would be to multiply" if by_network else "its scale is"
+        whose = "of what it is sure of" if by_network else "from its prior: see which of them is right"
+        notes.append(f"  {what} {'by ' if by_network else ''}{data['scale']:.3g}, {abs(off):.1f} deviations {whose}")
+    low, high = ENDOSCOPIC_MM
     if data["scale_kind"] != "unknown" and not by_network and not low <= data["median_mm"] <= high:
         notes.append(
             f"  the median distance is {data['median_mm']:.3g} mm, where {low:g} to {high:g} are usual: check the unit"
