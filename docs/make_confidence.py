@@ -85,6 +85,7 @@ def main(part: int = 0, parts: int = 1) -> None:
     x = np.array([confidence.features(Evidence(**one)) for one in evidence])
     y, w = right.astype(float), np.array([WEIGHTS[one] for one in kind])
     few = np.array([one["few"] for one in evidence])
+    shared = np.array([confidence.shared(Evidence(**one)) if one["plain"] else np.nan for one in evidence])
     weights, bias = _fit(kind, x, y, w)
     write_json(
         OUT,
@@ -102,8 +103,9 @@ def main(part: int = 0, parts: int = 1) -> None:
             "weights": weights.tolist(),
             "bias": bias,
             "few": _of_few(x @ weights + bias, few, y, w).tolist(),
+            "plain": _of_plain(x @ weights + bias, shared, y, w).tolist(),
             "covariance": _of_covariance(kind, right, normalised),
-            "left_out": _of_left_out(of, kind, (x, few), y, w),
+            "left_out": _of_left_out(of, kind, (x, few, shared), y, w),
         },
     )
 
@@ -134,18 +136,27 @@ def _of_few(sure: np.ndarray, few: np.ndarray, y: np.ndarray, w: np.ndarray) -> 
     return np.asarray(minimize(loss, np.zeros(2)).x)
 
 
+def _of_plain(sure: np.ndarray, shared: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Of depth without a smooth error: what log odds are times, and what neighbours share is, and a shift."""
+    some = np.isfinite(shared)
+    slopes, shift = fit_logistic(np.stack([sure, shared], axis=1)[some], y[some], w[some], RIDGE)
+    return np.array([*slopes, shift])
+
+
 def _of_left_out(
-    of: np.ndarray, kind: np.ndarray, seen: tuple[np.ndarray, np.ndarray], y: np.ndarray, w: np.ndarray
+    of: np.ndarray, kind: np.ndarray, seen: tuple[np.ndarray, np.ndarray, np.ndarray], y: np.ndarray, w: np.ndarray
 ) -> dict[str, object]:
     """What the benchmark would say of patients left out of the fit, six groups in turn; features were chosen by it."""
-    x, few = seen
+    x, few, shared = seen
     said = np.zeros(len(y))
     for group in range(_GROUPS):
         left_out = of % _GROUPS == group
         weights, bias = _fit(kind[~left_out], x[~left_out], y[~left_out], w[~left_out])
         sure = x @ weights + bias
         slope, shift = _of_few(sure[~left_out], few[~left_out], y[~left_out], w[~left_out])
-        said[left_out] = 1 / (1 + np.exp(-(sure + few * (slope * sure + shift))[left_out]))
+        plain = _of_plain(sure[~left_out], shared[~left_out], y[~left_out], w[~left_out])
+        told = np.where(np.isfinite(shared), np.stack([sure, shared, np.ones(len(y))], axis=1) @ plain, sure)
+        said[left_out] = 1 / (1 + np.exp(-(told + few * (slope * sure + shift))[left_out]))
     final = np.isin(kind, ["none b", "none c", "none d"])
     p, right = said[final], y[final] > 0
     first = np.argsort(-p, kind="stable")[: round(0.8 * len(p))]

@@ -33,6 +33,7 @@ GOOD = Evidence(
     through=0.0,
     waves=1.0,
     ripples=1.0,
+    plain=False,
     few=0.0,
     agreement=0.5,
     scatter=0.1,
@@ -88,6 +89,23 @@ def test_few_points_are_believed_less() -> None:
     told = [probability(replace(cloud, few=float(few))) for few in np.log([1.0, 2.0, 4.0, 8.0])]
     assert told[0] > 0.9
     assert (np.diff(told) < 0).all()
+
+
+def test_depth_without_a_smooth_error_shares_nothing_with_its_neighbours() -> None:
+    """What is said to be off pixel by pixel and is off together are other walls, but for far less than was said."""
+    plain = replace(GOOD, plain=True)
+    told = [probability(replace(plain, kinship=kinship)) for kinship in (0.0, 0.2, 0.4, 0.6, 0.8)]
+    assert told[0] > 0.9 and told[-1] < 0.1
+    assert (np.diff(told) < 0).all()
+    assert probability(replace(plain, kinship=0.8, spread=0.1)) > 0.9
+    assert probability(replace(GOOD, kinship=0.8)) > 0.6  # as smooth errors are
+
+
+def test_exact_depth_of_another_patient_is_refused(prepared_nose, trials) -> None:
+    other = registration_map(virtual_patient(77, 1))
+    for trial in trials:
+        assert register(prepared_nose, trial.observation("a")).status == "registered"
+        assert register(other, trial.observation("a")).status == "refused"
 
 
 def test_points_far_better_than_said_are_believed(prepared_nose, trials) -> None:

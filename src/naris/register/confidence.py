@@ -26,6 +26,8 @@ _MISFITS, _SPREADS = (
     (0.6, 1.5),
 )  # better than that is no better, nor is worse worse: a line goes on for ever
 _LEAST_WAVES = 0.1
+_FAR_BETTER = 0.4
+"""Of the noise that was said: neighbours then share what is left, as they do where walls are another patient's."""
 _HARDLY = 0.02  # of the trials that explained less than `_LEAST_EXPLAINED` none was right
 
 
@@ -88,6 +90,11 @@ def refusal(evidence: Evidence, chance: float, least: float) -> str | None:
         )
     if chance >= least:
         return None
+    if evidence.cloud and evidence.spread < _FAR_BETTER:
+        return (
+            f"the points lie {1 / max(evidence.spread, 0.01):.0f} times nearer to the walls than their noise was said "
+            f"to be (probability {chance:.2f}): say the noise as it is"
+        )
     if evidence.margin < 6.0:
         return f"several poses fit alike (probability {chance:.2f}): give another view, or more of them"
     if evidence.sd_mm > _LOOSE_MM or evidence.sd_deg > _LOOSE_DEG:
@@ -103,8 +110,15 @@ def probability(evidence: Evidence) -> float:
     weights, bias, of_few = _fitted()
     sure = float(features(evidence) @ weights + bias)
     sure += evidence.few * float(of_few @ (sure, 1.0))
+    if evidence.plain:
+        sure = float(np.array(_file()["plain"]) @ (sure, shared(evidence), 1.0))
     chance = float(1 / (1 + np.exp(-np.clip(sure, -30, 30))))
     return min(chance, _HARDLY) if evidence.explained < _LEAST_EXPLAINED else chance
+
+
+def shared(evidence: Evidence) -> float:
+    """How much of the noise that was said neighbours have in common."""
+    return evidence.kinship * min(evidence.spread, 1.0)
 
 
 def covariance_factor(observation: Observation) -> float:

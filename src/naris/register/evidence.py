@@ -70,6 +70,7 @@ class Evidence:
         surprise: how much dearer points are than points drawn at the best pose; 0 for depth.
         cloud: whether points were seen, which are off in every direction.
         views: how many.
+        plain: whether depth was said to have no smooth error: what neighbours share then is walls of another patient.
         few: how many fewer points than 250 a single view has, as the logarithm of the ratio; else 0.
         free: whether the scale was free.
         clearance_mm: of the camera.
@@ -96,6 +97,7 @@ class Evidence:
     surprise: float
     cloud: bool
     views: int
+    plain: bool
     few: float
     free: bool
     clearance_mm: float
@@ -144,6 +146,7 @@ class Evidence:
             surprise=surprise(at, observation, solutions, rng) if observation.is_cloud else 0.0,
             cloud=observation.is_cloud,
             views=observation.views,
+            plain=not observation.is_cloud and observation.smooth == 0.0,
             few=_few(observation),
             free=observation.scale.free,
             clearance_mm=float(at.distance(pose[:3, 3])),

@@ -163,7 +163,8 @@ def register_picture(
     evidence = looked_at(at, Shading(scene, frame, intrinsics), observation, belief, config)
     chance, best = probability(evidence), evidence.places[0]
     where = astray(at, belief, best.shaded.pose)
-    reason = f"the best pose is {where}: give depth, another view, or no region" if where else None
+    todo = "give depth, or another view" if belief.regions is None else "give depth, another view, or no region"
+    reason = f"the best pose is {where}: {todo}" if where else None
     reason = reason or too_little(belief, config.search)
     reason = reason or evidence.refusal(chance, config.search.least_probability)
     poses = [one.shaded.pose for one in evidence.places]
