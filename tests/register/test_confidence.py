@@ -111,9 +111,9 @@ def test_exact_depth_of_another_patient_is_refused(prepared_nose, trials) -> Non
 def test_points_far_better_than_said_are_believed(prepared_nose, trials) -> None:
     """Who states 0.5 mm of a cloud that is exact, or nearly, gets the pose; of another patient's nose none is told."""
     other = registration_map(virtual_patient(77, 1))
-    for sd_mm in (0.0, 0.15):
+    for sd_mm, some in ((0.0, trials[:3]), (0.15, trials[3:])):
         told = []
-        for number, trial in enumerate(trials):
+        for number, trial in enumerate(some):
             rng = np.random.default_rng(number)
             points = (trial.rays * trial.ranges["a"][..., None])[::3, ::3].reshape(-1, 3)
             points = points[np.isfinite(points).all(axis=1)]

@@ -92,7 +92,7 @@ def test_another_patient_and_a_mirrored_side_are_refused(nose, prepared_nose, tr
     stranger = virtual_patient(77, 1)
     others = drawn_trials(stranger, 4, 3)
     seen = [one.observation("b") for one in others]
-    mirrored = [from_ranges(one.ranges["b"][:, ::-1], one.rays, DepthNoise()) for one in trials]
+    mirrored = [from_ranges(one.ranges["b"][:, ::-1], one.rays, DepthNoise()) for one in trials[:3]]
     results = [register(prepared_nose, one) for one in [*seen, *mirrored]]
     refused = [one.status == "refused" for one in results]
     assert np.mean(refused) >= 0.8
