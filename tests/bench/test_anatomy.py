@@ -107,6 +107,7 @@ def test_a_nose_found_in_its_own_scan_is_near_itself() -> None:
     assert min(trip.kept.values()) > 0.9
 
 
+@pytest.mark.long
 def test_a_region_that_is_lost_is_seen() -> None:
     """The nose without what lies on the left above the inferior meatus: most of two regions, and no other."""
     nose = simulated_head.nose()

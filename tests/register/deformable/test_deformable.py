@@ -237,7 +237,7 @@ def test_what_is_in_view_is_told_and_what_is_not_stays_loose(at, process, pose, 
     assert found.target_sd_mm < np.median(before)
 
 
-@pytest.mark.parametrize("noise", ["b", "c", "d"])
+@pytest.mark.parametrize("noise", ["b", "c", pytest.param("d", marks=pytest.mark.long)])
 def test_without_modes_it_is_rigid_registration(nose, prepared_nose, trials, noise):
     seen = trials[0].observation(noise)
     none = Modes(nose, np.zeros((len(nose.vertices_mm), 3, 0), np.float32))

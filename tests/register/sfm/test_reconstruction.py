@@ -81,7 +81,7 @@ def test_views_that_saw_nothing_or_do_not_exist_are_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("alone", [True, False])
+@pytest.mark.parametrize("alone", [pytest.param(True, marks=pytest.mark.long), False])
 def test_a_reconstruction_of_any_unit_finds_its_place(nose, prepared_nose, trials, alone):
     right, scales = 0, []
     for seed, trial in enumerate(trials):
