@@ -7,10 +7,11 @@ import pytest
 
 from naris.bench import in_our_place
 from naris.bench.in_our_place import OURS, STARTS, solver_of
-from naris.bench.problems import FROM_POSE, problem
+from naris.bench.problems import problem
 from naris.bench.trials import Noise, Trial
 from naris.core.pose import distance
 from naris.register.map import RegistrationMap
+from naris.register.register import FROM_POSE
 from naris.register.starts import near
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from naris.bench.problems import FROM_POSE, near_truth, problem
+from naris.bench.problems import near_truth, problem
 from naris.bench.trials import Noise, Trial
 from naris.core.pose import distance
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation
+from naris.register.register import FROM_POSE
 from naris.register.starts import NOTHING
 
 NOISES: tuple[Noise, ...] = ("b", "c", "d")

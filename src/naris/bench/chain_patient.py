@@ -17,7 +17,6 @@ from naris.anatomy.folder import DESCRIPTION, load_anatomy, save_anatomy
 from naris.anatomy.scanned import anatomy_of_airway
 from naris.bench.chain_record import Fit, FrameRecord, Outcome, PatientRecord, read_record, write_record
 from naris.bench.in_our_place import OURS, Solver, solver_of
-from naris.bench.problems import FROM_POSE
 from naris.bench.trials import CAMERA_OF_TRIALS, FRAME_PX, Noise, Trial, drawn_trials, frames
 from naris.core.anatomy import Anatomy, RegionSet
 from naris.core.pose import Pose, distance, stack
@@ -34,7 +33,7 @@ from naris.model.localizer import Localizer, open_localizer
 from naris.register.libraries import LIBRARIES
 from naris.register.map import RegistrationMap, registration_map
 from naris.register.observation import Observation
-from naris.register.register import RegisterConfig, register
+from naris.register.register import FROM_POSE, RegisterConfig, register
 from naris.register.starts import NOTHING, Belief, in_region, near, of_prediction
 from naris.render.scene import Scene
 from naris.render.viewpoints import ViewDistribution

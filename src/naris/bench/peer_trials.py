@@ -15,13 +15,13 @@ import numpy as np
 
 from naris.bench import BenchRequest
 from naris.bench.in_our_place import METHODS, SOLVERS, Solver, solver_of
-from naris.bench.problems import FROM_POSE, SOLVED_POINTS, Start, near_truth, problem
+from naris.bench.problems import SOLVED_POINTS, Start, near_truth, problem
 from naris.bench.result import Figure, wilson
 from naris.bench.trials import Noise, Trial, frozen_setting, has_frozen
 from naris.core.pose import distance
 from naris.register.libraries import LIBRARIES, OfCloud, library_for, missing
 from naris.register.map import RegistrationMap, registration_map
-from naris.register.register import RegisterConfig
+from naris.register.register import FROM_POSE, RegisterConfig
 from naris.register.starts import Belief
 
 BASE = "register.peers"

@@ -13,13 +13,12 @@ from naris.bench.trials import FREE_POINTS, Noise, Trial, neighbours_of
 from naris.core.pose import CAMERA, Pose
 from naris.register.map import RegistrationMap
 from naris.register.observation import Observation, together
-from naris.register.register import RegisterConfig
+from naris.register.register import FROM_POSE, RegisterConfig
 from naris.register.starts import NOTHING, Belief, in_region, near
 
 Start = Literal["region", "none", "pose", "views3"]
 SOLVED_POINTS = 400
 """Of one solve that is timed."""
-FROM_POSE = RegisterConfig(starts=8, finalists=1, aside=0)
 _NEAR_MM, _NEAR_RAD = 2.0, np.deg2rad(10.0)
 _NEAR_COVARIANCE = np.diag([(_NEAR_MM / 2) ** 2] * 3 + [(_NEAR_RAD / 2) ** 2] * 3)
 

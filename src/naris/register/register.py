@@ -61,7 +61,8 @@ class RegisterConfig:
             raise InputError("a probability from 0 to 1", f"{self.least_probability:g}", "give 0.8 for 80 %")
 
 
-_FROM_POSE = RegisterConfig(starts=8, finalists=1, aside=0)
+FROM_POSE = RegisterConfig(starts=8, finalists=1, aside=0)
+"""As much as is enough where a pose is known, and as the probability was fitted with from there."""
 
 
 def register(
@@ -172,7 +173,7 @@ def _chosen(
 
 def too_little(belief: Belief, config: RegisterConfig) -> str | None:
     """Why a probability tells little: less is tried than it was fitted with; None if not, or where any will do."""
-    fitted = _FROM_POSE if belief.only_poses else RegisterConfig()
+    fitted = FROM_POSE if belief.only_poses else RegisterConfig()
     enough = all(getattr(config, name) >= getattr(fitted, name) for name in ("starts", "finalists", "aside"))
     if enough or not config.least_probability:
         return None
