@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -168,6 +169,17 @@ def test_pictures_do_not_depend_on_threads_or_batches(both) -> None:
     for i in range(9):
         one = render(both[0], poses[i : i + 1], picture(), looks[i], seeds=seeds[i : i + 1])
         assert np.array_equal(one.rgb[0], whole.rgb[i])
+
+
+def test_an_anatomy_from_another_process_is_drawn_by_the_code_that_is_compiled() -> None:
+    """Its arrays may be written there, and compiling takes half a minute."""
+    from naris.render.kernel import render_frames
+
+    drawn = []
+    for anatomy in (sphere(), pickle.loads(pickle.dumps(sphere()))):
+        render(Scene(anatomy, engine="fast"), views(1), picture())
+        drawn.append(len(render_frames.signatures))
+    assert drawn[0] == drawn[1] > 0
 
 
 def test_the_seed_moves_the_noise_and_nothing_else(both) -> None:

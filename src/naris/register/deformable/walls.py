@@ -68,7 +68,7 @@ class Walls:
         n, at = len(rays.x), library()
         embree = Embree(at.intersect, self.scene.address, ctypes.addressof(ARGUMENTS), at.width)
         faces, u, v = aligned(n, np.int32), aligned(n, np.float32), aligned(n, np.float32)
-        _meet(embree, rays, pose, scale, memory, (faces, u, v), _sources())
+        _meet(embree, rays, np.array(pose), scale, memory, (faces, u, v), _sources())
         normal, u, v = memory.normal.T.astype(np.float64), u.astype(np.float64), v.astype(np.float64)
         met = (np.square(normal).sum(axis=1) > 0.5) & (rays.valid != 0)
         corners = np.stack([1 - u - v, u, v], axis=1)
