@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from naris.register.look import edges, overlay
+from naris.register.look import edges, levels, overlay
 
 
 def test_a_wall_before_nothing_has_an_edge_on_every_side() -> None:
@@ -21,6 +21,22 @@ def test_a_wall_before_another_has_an_edge_and_slopes_have_none() -> None:
     assert not edges(depth).any()
     depth[:, 6:] *= 2.0
     assert edges(depth).sum(axis=0).tolist() == [0] * 5 + [9] + [0] * 6
+
+
+def test_a_wall_without_edges_is_drawn_by_lines_of_equal_depth_and_one_with_edges_by_these() -> None:
+    frame, slope = np.full((64, 96, 3), 90, np.uint8), np.tile(np.geomspace(4.0, 16.0, 96), (64, 1))
+    assert not edges(slope).any()
+    at = np.flatnonzero(levels(slope).all(axis=0))
+    np.testing.assert_allclose(slope[0, at], np.geomspace(4.0, 16.0, 9)[1:-1], rtol=0.02)
+    assert (overlay(frame, slope)[:, at] != 90).any(axis=2).all()
+    slope[:, 48:] *= 1.5
+    drawn = np.flatnonzero((overlay(frame, slope) != 90).any(axis=(0, 2)))
+    assert np.abs(drawn - 47.5).max() < 3
+
+
+def test_a_flat_wall_and_nothing_have_no_lines_of_equal_depth() -> None:
+    for depth in (np.full((9, 12), 5.0), np.zeros((9, 12))):
+        assert not levels(depth).any()
 
 
 def test_lines_are_as_wide_in_large_pictures_as_in_small_ones() -> None:

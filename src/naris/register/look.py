@@ -16,6 +16,7 @@ from naris.render.scene import Scene, render
 JUMP = 0.12
 """Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
 _EDGE_RGB, _EDGES_ACROSS = (60, 255, 120), 240  # so many lines would cover a picture
+_LEVEL_RGB, _LEVELS, _FEW_EDGES = (90, 200, 255), 8, 0.5  # of a wall with edges less long than half the picture
 _BLACK = 12  # and the noise of a camera
 _REFUSED_RGB, _WARNING = (150, 20, 20), "REFUSED: the best guess, not to be used"
 _HALVES = "what was seen, with walls as guessed", "what a camera there would see"
@@ -53,13 +54,36 @@ def edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     return jump & seen
 
 
+def levels(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Lines of equal depth, as far apart as its logarithm changes in equal steps: the shape of a wall without edges."""
+    seen = depth > 0
+    if not seen.any():
+        return seen
+    log = np.log(np.where(seen, depth, 1.0))
+    low, high = float(log[seen].min()), float(log[seen].max())
+    level = np.minimum(np.floor((log - low) * _LEVELS / max(high - low, 1e-6)), _LEVELS - 1)
+    lines = np.zeros(depth.shape, dtype=bool)
+    for one, next_ in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        lines[one] |= (level[one] != level[next_]) & seen[one] & seen[next_]
+    return lines
+
+
 def overlay(picture: UInt8[np.ndarray, "h w 3"], depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
-    """The edges of the walls drawn on a picture of the same size, but for what a stop of the scope hides."""
-    drawn = picture.copy()
+    """The edges of the walls drawn on a picture of the same size, but for what a stop of the scope hides.
+
+    Where a wall has hardly any, lines of equal depth (`levels`) are drawn in another colour, under the edges.
+    """
+    drawn, shown = picture.copy(), ~_behind_stop(picture)
     wide = max(2, round(min(depth.shape) / _EDGES_ACROSS))
-    lines = cv2.dilate(edges(depth).astype(np.uint8), np.ones((wide, wide), np.uint8)) > 0
-    drawn[lines & ~_behind_stop(picture)] = _EDGE_RGB
+    found = edges(depth)
+    if found.sum() < _FEW_EDGES * min(depth.shape):
+        drawn[_wider(levels(depth), wide // 2) & shown] = _LEVEL_RGB
+    drawn[_wider(found, wide) & shown] = _EDGE_RGB
     return drawn
+
+
+def _wider(lines: Bool[np.ndarray, "h w"], wide: int) -> Bool[np.ndarray, "h w"]:
+    return np.asarray(cv2.dilate(lines.astype(np.uint8), np.ones((wide, wide), np.uint8)) > 0)
 
 
 def _behind_stop(picture: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
