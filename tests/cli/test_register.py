@@ -155,7 +155,15 @@ def test_a_folder_of_the_patient_is_no_folder_for_results(
     shutil.copytree(tube, tmp_path / "patient" / "anatomy")
     shutil.copytree(tube, tmp_path / "alone" / "deformed")
     shutil.copytree(tube, tmp_path / "earlier" / "deformed")
-    (tmp_path / "earlier" / "registration.json").write_text(json.dumps({"schema": SCHEMAS[1]}))
+    record = {"schema": SCHEMAS[1], "deformed": {"digest": load_anatomy(str(tube)).digest}}
+    (tmp_path / "earlier" / "registration.json").write_text(json.dumps(record))
+    for folder in ("foreign", "rigid", "named"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "registration.json").write_text(json.dumps({"schema": SCHEMAS[0]}))
+    (tmp_path / "foreign" / "deformed").mkdir()
+    (tmp_path / "foreign" / "deformed" / "notes.txt").write_text("mine")
+    shutil.copytree(tube, tmp_path / "rigid" / "deformed")
+    (tmp_path / "named" / "view.png").mkdir()
     for folder, names in (("pictures", ("view.png", "overlay.png")), ("other", ("registration.json",))):
         (tmp_path / folder).mkdir()
         for name in names:
@@ -167,6 +175,9 @@ def test_a_folder_of_the_patient_is_no_folder_for_results(
         ("pictures", tube, "overlay.png, view.png of another origin in"),
         ("other", tube, "registration.json of another origin in"),
         ("earlier", tmp_path / "earlier" / "deformed", "an ANATOMY outside of"),
+        ("foreign", tube, "got notes.txt"),
+        ("rigid", tube, "got an anatomy of another origin"),
+        ("named", tube, "view.png as a registration leaves it, got a folder"),
     ):
         given = ["--depth", str(seen / "depth.npy"), "-o", str(tmp_path / folder)]
         assert main(words(anatomy, seen, *given)) == 2

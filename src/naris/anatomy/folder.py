@@ -81,6 +81,35 @@ def remove_anatomy(folder: Path) -> None:
         folder.rmdir()
 
 
+def files_in(folder: Path) -> list[Path]:
+    """The files of the anatomy that a folder holds.
+
+    Raises:
+        SurfaceError: if it holds none, or its description cannot be read.
+    """
+    _read_description(folder)
+    surface = _surface_of(folder)
+    return [folder / DESCRIPTION, *([surface] if surface is not None else [])]
+
+
+def others_in(folder: Path) -> list[str]:
+    """What a folder holds beside anatomies; hidden files, and what a save that was stopped left, do not count."""
+    return sorted(
+        one.name
+        for one in folder.iterdir()
+        if not one.name.startswith(".") and one.name != DESCRIPTION and not one.match(_SURFACE + "*.ply")
+    )
+
+
+def digest_in(folder: Path) -> str | None:
+    """The digest that the anatomy in a folder was saved with; None where it holds none.
+
+    Raises:
+        SurfaceError: if its description cannot be read.
+    """
+    return str(_read_description(folder).get("digest", "")) if (folder / DESCRIPTION).is_file() else None
+
+
 def source_in(folder: Path) -> str | None:
     """Where the anatomy that a folder holds came from; None where it holds none.
 
@@ -250,10 +279,10 @@ def _read_description(folder: Path) -> dict[str, Any]:
 
 
 def _check_own(folder: Path) -> None:
-    """See that the folder is nobody else's: hidden files, and what a save that was stopped left, do not count."""
+    """See that the folder is nobody else's."""
     if not folder.is_dir() or (folder / DESCRIPTION).is_file():
         return
-    others = sorted(p.name for p in folder.iterdir() if not p.name.startswith(".") and not p.match(_SURFACE + "*.ply"))
+    others = others_in(folder)
     if others:
         raise SurfaceError(
             f"a new or empty folder, or one with an {DESCRIPTION}, at {folder}",

@@ -112,9 +112,9 @@ def run(options: Options, console: Console) -> int:
     if options.out is not None:
         check_folder(options.out, options.anatomy)
     seen = observe(options)
-    made = made_from(options)
     ground = ground_of(options, seen)
     anatomy, regions = open_anatomy(options.anatomy, options.regions)
+    made = made_from(options)
     belief, believed = _belief(options, anatomy, regions)
     if options.shape_model is not None or options.modes is not None:
         from naris.cli.deformable import Shaped, register_shape
