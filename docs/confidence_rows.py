@@ -5,7 +5,9 @@ from the true region, with noise a to e; every second one to another patient, wh
 noise that is said to be less or more than it is; two of five far better than said, in this patient and in another; with
 two views beside every third one (b) and every fifth one (c, d, e), in both; from a pose near to the truth; two of five
 with few of the points; and, of points in a unit of their own, with up to seven views beside three of five, as a
-reconstruction has them, a third of those better than said, and one of five with a prior of the scale.
+reconstruction has them, a third of those better than said, and one of five with a prior of the scale; and of depth
+whose pixels are off by themselves alone, and are said to be, every second one of unknown scale, two of ten with two
+views beside them and two from a pose.
 """
 
 from __future__ import annotations
@@ -20,13 +22,13 @@ from naris.anatomy.builtin.variation import virtual_patient
 from naris.bench.problems import problem, several
 from naris.bench.trials import FREE_POINTS, NOISES, POINT_MM, Noise, Trial, drawn_trials, neighbours_of
 from naris.core.anatomy import Anatomy
-from naris.core.pose import distance
+from naris.core.pose import CAMERA, Pose, distance
 from naris.evaluate.score import normalised_square
 from naris.register import register as registration
 from naris.register.evidence import Evidence
 from naris.register.map import RegistrationMap, registration_map
-from naris.register.noise import Scale
-from naris.register.observation import Observation
+from naris.register.noise import KNOWN, UNKNOWN, DepthNoise, Scale
+from naris.register.observation import Observation, from_ranges, together
 from naris.register.register import RegisterConfig, register
 from naris.register.starts import NOTHING, Belief, in_region
 
@@ -38,6 +40,7 @@ _ENDLESS = 1e9  # JSON has no word for it; for features it is the same
 _FEW_POINTS = (30, 250)
 _SHOT_VIEWS, _SHOT_POINTS = (2, 8), (60, 300)
 _PRIOR_SD = 0.1  # of the logarithm of the scale
+_GRAIN_MM, _LEAST_RANGE_MM = (0.1, 1.5), 0.2
 
 
 class Row(NamedTuple):
@@ -87,6 +90,7 @@ def of_patient(number: int) -> Iterator[Row]:
     yield from _of_few_points(nose, at, other, SEED + number)
     yield from _of_reconstructions(nose, at, other, SEED + number)
     yield from _of_better_reconstructions(nose, at, other, SEED + number)
+    yield from _of_grain(nose, at, other, SEED + number)
 
 
 def _from_pose(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
@@ -130,6 +134,37 @@ def _of_better_reconstructions(nose: Anatomy, at: RegistrationMap, other: Regist
         if view % 5 == 4:
             seen = as_reconstructed(nose, trial, rng, better=True)
             yield from _in_both(f"better shot {FREE_POINTS}", (at, other), seen, trial, view)
+
+
+def _of_grain(nose: Anatomy, at: RegistrationMap, other: RegistrationMap, seed: int) -> Iterator[Row]:
+    """Depth without a smooth error, of which that is said: its noise hides some of what other walls would show."""
+    rng = np.random.default_rng([seed, 13])
+    for view, trial in enumerate(drawn_trials(nose, VIEWS, seed)):
+        noise: Noise = "b" if view % 2 == 0 else "c"
+        pixel_mm = float(np.exp(rng.uniform(*np.log(_GRAIN_MM))))
+        if view % 5 == 2:
+            views, rig_T_camera = neighbours_of(nose, trial, 2, view)
+            scale = trial.scale if noise == "c" else 1.0
+            rig_T_camera = Pose.of(rig_T_camera.rotation, scale * rig_T_camera.position_mm, CAMERA, CAMERA)
+            seen = together([_grainy(one, noise, scale, pixel_mm, rng) for one in views], rig_T_camera)
+            yield from _in_both(f"grain views {noise}", (at, other), seen, trial, view)
+            continue
+        seen = _grainy(trial, noise, trial.scale if noise == "c" else 1.0, pixel_mm, rng)
+        if view % 5 == 4:
+            _, belief, config = problem(at, trial, noise, "pose", view)
+            yield one(f"grain pose {noise}", at, seen, belief, trial, config)
+            yield one(f"other grain pose {noise}", other, seen, belief, trial, config)
+        else:
+            yield from _in_both(f"grain {noise}", (at, other), seen, trial, view)
+
+
+def _grainy(trial: Trial, noise: Noise, scale: float, pixel_mm: float, rng: np.random.Generator) -> Observation:
+    """Exact ranges in a unit, with noise of each pixel by itself; what came too near is not known."""
+    exact = trial.ranges["a"]
+    ranges = exact + pixel_mm * rng.standard_normal(exact.shape)
+    ranges = scale * np.where(ranges > _LEAST_RANGE_MM, ranges, np.nan)
+    told = DepthNoise(smooth=0.0, pixel_mm=scale * pixel_mm)
+    return from_ranges(ranges, trial.rays, told, UNKNOWN if noise == "c" else KNOWN)
 
 
 def as_reconstructed(nose: Anatomy, trial: Trial, rng: np.random.Generator, *, better: bool = False) -> Observation:

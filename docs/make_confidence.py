@@ -7,7 +7,8 @@ What each patient came to is kept in out/confidence, by the sources of the searc
 make a probability of it needs seconds. Digests of that are in the file, for whoever makes a patient's again.
 
 The trials are told in `confidence_rows.py`. A logistic regression with a small ridge, in two steps (`_fit`); what few
-points take off (`_of_few`); and covariances by the equations are held against the errors of right poses.
+points take off (`_of_few`); what neighbours in depth without a smooth error share (`_of_plain`, alone by the trials
+whose pixels are off by themselves); and covariances by the equations are held against the errors of right poses.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ WEIGHTS = {
     for noise in ALL
 } | {"other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
 """Other patients are rarer in use than here; single clouds of them are hard to tell, and count twice for it. From a
-pose the same is seen as from nothing, once more."""
+pose the same is seen as from nothing, once more. Trials that are not here count for depth
+without a smooth error alone."""
 _OTHERS, _MOST_OF_OTHERS = 2.0, 2 / 3
 """How much more they count, and at most, where it is learnt what speaks for a pose. How sure that makes is told with
 the weights above. Of what was tried the answers for patients left out had the least log loss with this. With more, more
@@ -83,7 +85,7 @@ def main(part: int = 0, parts: int = 1) -> None:
         return
     of, kind, evidence, right, normalised = columns
     x = np.array([confidence.features(Evidence(**one)) for one in evidence])
-    y, w = right.astype(float), np.array([WEIGHTS[one] for one in kind])
+    y, w = right.astype(float), np.array([WEIGHTS.get(one, 0.0) for one in kind])
     few = np.array([one["few"] for one in evidence])
     shared = np.array([confidence.shared(Evidence(**one)) if one["plain"] else np.nan for one in evidence])
     weights, bias = _fit(kind, x, y, w)
@@ -103,7 +105,7 @@ def main(part: int = 0, parts: int = 1) -> None:
             "weights": weights.tolist(),
             "bias": bias,
             "few": _of_few(x @ weights + bias, few, y, w).tolist(),
-            "plain": _of_plain(x @ weights + bias, shared, y, w).tolist(),
+            "plain": _of_plain(kind, x @ weights + bias, shared, y, w).tolist(),
             "covariance": _of_covariance(kind, right, normalised),
             "left_out": _of_left_out(of, kind, (x, few, shared), y, w),
         },
@@ -118,7 +120,9 @@ def _kept(number: int) -> Path:
 
 def _fit(kind: np.ndarray, x: np.ndarray, y: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
     """Weights and bias: what speaks for a pose, other patients counting more; then scale and shift with `w`."""
-    is_other = np.array([one.startswith("other") for one in kind.tolist()])
+    some = w > 0
+    kind, x, y, w = kind[some], x[some], y[some], w[some]
+    is_other = np.char.startswith(kind, "other")
     weights, bias = fit_logistic(x, y, np.where(is_other, np.minimum(_OTHERS * w, _MOST_OF_OTHERS), w), RIDGE)
     scale, shift = fit_logistic((x @ weights + bias)[:, None], y, w, _LEAST_RIDGE)
     return scale[0] * weights, scale[0] * bias + shift
@@ -136,9 +140,10 @@ def _of_few(sure: np.ndarray, few: np.ndarray, y: np.ndarray, w: np.ndarray) -> 
     return np.asarray(minimize(loss, np.zeros(2)).x)
 
 
-def _of_plain(sure: np.ndarray, shared: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
+def _of_plain(kind: np.ndarray, sure: np.ndarray, shared: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Of depth without a smooth error: what log odds are times, and what neighbours share is, and a shift."""
     some = np.isfinite(shared)
+    w = np.where(w > 0, w, np.where(np.char.startswith(kind, "other"), 1 / 3, 1.0))
     slopes, shift = fit_logistic(np.stack([sure, shared], axis=1)[some], y[some], w[some], RIDGE)
     return np.array([*slopes, shift])
 
@@ -154,8 +159,8 @@ def _of_left_out(
         weights, bias = _fit(kind[~left_out], x[~left_out], y[~left_out], w[~left_out])
         sure = x @ weights + bias
         slope, shift = _of_few(sure[~left_out], few[~left_out], y[~left_out], w[~left_out])
-        plain = _of_plain(sure[~left_out], shared[~left_out], y[~left_out], w[~left_out])
-        told = np.where(np.isfinite(shared), np.stack([sure, shared, np.ones(len(y))], axis=1) @ plain, sure)
+        plain = _of_plain(*(one[~left_out] for one in (kind, sure, shared, y, w)))
+        told = np.fmin(sure, np.stack([sure, shared, np.ones(len(y))], axis=1) @ plain)
         said[left_out] = 1 / (1 + np.exp(-(told + few * (slope * sure + shift))[left_out]))
     final = np.isin(kind, ["none b", "none c", "none d"])
     p, right = said[final], y[final] > 0

@@ -111,7 +111,8 @@ def probability(evidence: Evidence) -> float:
     sure = float(features(evidence) @ weights + bias)
     sure += evidence.few * float(of_few @ (sure, 1.0))
     if evidence.plain:
-        sure = float(np.array(_file()["plain"]) @ (sure, shared(evidence), 1.0))
+        # Sharing nothing makes no pose surer: noise of each pixel hides what other walls share.
+        sure = min(sure, float(np.array(_file()["plain"]) @ (sure, shared(evidence), 1.0)))
     chance = float(1 / (1 + np.exp(-np.clip(sure, -30, 30))))
     return min(chance, _HARDLY) if evidence.explained < _LEAST_EXPLAINED else chance
 
