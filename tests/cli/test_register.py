@@ -21,7 +21,7 @@ from naris.cli.register import Options
 from naris.cli.registered import SCHEMAS, UNFINISHED
 from naris.cli.registration import doubts
 from naris.core.anatomy import SlabRegions
-from naris.core.camera import Intrinsics
+from naris.core.camera import Brown, Intrinsics
 from naris.core.pose import CAMERA as CAMERA_FRAME
 from naris.core.pose import Pose, distance
 from naris.core.provenance import file_digest
@@ -273,6 +273,12 @@ def test_what_was_taken_for_granted_is_told(tube: Path, seen: Path, capfd: pytes
     narrow = replace(points, intrinsics=Intrinsics.from_vertical_fov(48, 40, 45.0))
     _, lens = doubts(Options("builtin", depth=Path("depth.npy")), narrow)
     assert "a lens that sees 45°" in lens
+    assert len(doubts(Options("builtin", depth=Path("depth.npy"), modes=5), narrow)) == 1
+    beyond = replace(points, intrinsics=Intrinsics(64, 64, 30.0, 30.0, 31.5, 31.5, Brown(-0.3)))
+    assert np.isnan(beyond.intrinsics.vertical_fov_deg)
+    assert len(doubts(Options("builtin", depth=Path("depth.npy")), beyond)) == 1
+    [granted] = doubts(Options("builtin", cloud=seen / "colmap"), points)
+    assert "poses of the reconstruction" in granted
     for probability, status in (("0", 0), ("1", 1)):
         given = ["--cloud", str(seen / "points.txt"), "--noise", "0.1", "--probability", probability, "--quiet"]
         assert main(["register", str(tube), *given]) == status
@@ -422,7 +428,11 @@ def test_another_method_can_be_chosen(
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "1000"], "check the unit"),
         (
             ["--depth", "{seen}/depth.npy", "--scale", "prior", "--scale-factor", "1", "--scale-spread", "1e-300"],
-            "a deviation (1e-6 or more) for a prior",
+            "a deviation (1e-6 to 3) for a prior",
+        ),
+        (
+            ["--depth", "{seen}/depth.npy", "--scale", "prior", "--scale-factor", "1", "--scale-spread", "1e300"],
+            "a deviation (1e-6 to 3) for a prior",
         ),
         (["--depth", "{seen}/depth.npy", "--depth-unit-mm", "40"], "mm across, got a median of"),
         (["--cloud", "{seen}/points.txt"], "--intrinsics only with the --frame of that camera beside --cloud FILE"),

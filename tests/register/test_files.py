@@ -12,6 +12,7 @@ from PIL import Image
 from naris.core.pose import CAMERA, Pose
 from naris.errors import InputError, MachineError, NarisError
 from naris.register.files import (
+    DEVIATIONS,
     has_normals,
     read_cloud,
     read_depth_image,
@@ -127,6 +128,7 @@ def test_a_cloud_is_read_from_any_of_its_formats(tmp_path, suffix):
     ("name", "content"),
     [
         ("a.txt", b"1 2 3\n4 five 6\n"),
+        ("a.csv", b"1,5 2,5 -3,5\n-4,25 5,0 6,75\n"),
         ("a.npy", b"\x93NUMPY"),
         ("a.ply", b"ply\n"),
         ("a.obj", b""),
@@ -159,6 +161,8 @@ def test_pictures_that_hold_no_depth_are_refused(tmp_path):
     np.save(tmp_path / "empty.npy", np.zeros((4, 4)))
     with pytest.raises(InputError, match="depth above 0"):
         read_depth_image(tmp_path / "empty.npy", 1.0)
+    with pytest.raises(InputError, match=f"{DEVIATIONS} above 0"):
+        read_depth_image(tmp_path / "empty.npy", 1.0, DEVIATIONS)
     np.save(tmp_path / "cube.npy", np.ones((4, 4, 4)))
     with pytest.raises(InputError, match="one channel"):
         read_depth_image(tmp_path / "cube.npy", 1.0)
@@ -183,6 +187,8 @@ def _with_header(header: str) -> bytes:
         b"PK\x03\x04 and no archive",
         b"",
         _with_header("{'descr': '<f8', 'fortran_order': False, 'shape': (3"),
+        _with_header("{'descr': (), 'fortran_order': False, 'shape': (3, 3), }"),
+        _with_header("{[]: 1}"),
         _with_header("{'descr': '<f8', 'fortran_order': False, 'shape': (" + "1" + "0" * 30 + ", 3), }"),
         _with_header("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000, 3), }"),
     ],

@@ -7,7 +7,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose
 from naris.errors import InputError, PoseError
 from naris.register.noise import ENDOSCOPIC_MM, UNKNOWN, DepthNoise, PointNoise, Scale, any_scale
-from naris.register.observation import from_depth, from_points, from_sightings, together
+from naris.register.observation import MOST_POINTS, from_depth, from_points, from_sightings, together
 
 CAMERA_OF_TESTS = Intrinsics.from_vertical_fov(64, 48, 60.0)
 
@@ -79,6 +79,20 @@ def test_points_are_kept_in_another_order():
     assert len(few) == 20 and set(few.ranges) <= set(seen.ranges)
 
 
+def test_of_a_cloud_each_view_has_as_much_to_say_as_one_can_have():
+    sizes, rng = (5000, 200, 1500, 30), np.random.default_rng(3)
+    poses = Pose.exp(0.1 * rng.standard_normal((4, 6)), CAMERA, CAMERA)
+    seen = together([from_points(cloud(size, number)) for number, size in enumerate(sizes)], poses)
+    assert np.bincount(seen.used().view).tolist() == [MOST_POINTS, 200, MOST_POINTS, 30]
+    one = from_points(cloud(5000))
+    assert (one.used().ranges == one.some(MOST_POINTS).ranges).all()
+    for whole in (
+        from_points(cloud(MOST_POINTS)),
+        from_depth(np.full((96, 128), 7.0), CAMERA_OF_TESTS.resized(128, 96)),
+    ):
+        assert whole.used() is whole
+
+
 @pytest.mark.parametrize(
     ("points", "message"),
     [
@@ -110,7 +124,15 @@ def test_depth_images_of_another_size_or_without_depth_are_refused():
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"kind": "guess"}, {"kind": "prior"}, {"sd_log": 0.1}, {"low": 3.0}, {"factor": -1.0}, {"factor": 2.0}],
+    [
+        {"kind": "guess"},
+        {"kind": "prior"},
+        {"kind": "prior", "sd_log": np.inf},
+        {"sd_log": 0.1},
+        {"low": 3.0},
+        {"factor": -1.0},
+        {"factor": 2.0},
+    ],
 )
 def test_scales_that_cannot_be_are_refused(wrong):
     with pytest.raises(InputError):

@@ -124,6 +124,9 @@ def test_beliefs_that_cannot_be_are_told(trials):
         near(pose, np.eye(6))
     with pytest.raises(InputError, match="negative variance"):
         near(pose, -np.eye(6)[None])
+    for wrong in (np.full((1, 6, 6), np.nan), np.eye(6)[None] + np.eye(6, k=1)):
+        with pytest.raises(InputError, match="symmetric"):
+            near(pose, wrong)
     with pytest.raises(InputError, match="poses to begin from alone"):
         Belief(only_poses=True)
     with pytest.raises(PoseError, match="anatomy_T_camera"):

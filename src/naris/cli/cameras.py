@@ -24,7 +24,7 @@ def read_intrinsics(path: Path) -> Intrinsics:
         'give a JSON file such as {"width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 319.5, "cy": 239.5, '
         '"lens": {"kind": "pinhole"}}, or the dataset.json of a data set'
     )
-    if not path.is_file():
+    if not path.exists() or path.is_dir():
         got, check = ("a folder", "give a file in it") if path.is_dir() else ("no such file", "check the path")
         raise InputError(f"intrinsics at {path}", got, check)
     try:
@@ -36,6 +36,12 @@ def read_intrinsics(path: Path) -> Intrinsics:
         intrinsics = intrinsics_from_json(inner)
     except InputError as error:
         raise InputError(f"{error.expected} in {path.name}", error.got, todo) from error
+    warn_of_centre(intrinsics, path)
+    return intrinsics
+
+
+def warn_of_centre(intrinsics: Intrinsics, path: Path) -> None:
+    """Tell a principal point that lies far from the middle of the picture; `path` is where it was read from."""
     off = max(abs((intrinsics.cx + 0.5) / intrinsics.width - 0.5), abs((intrinsics.cy + 0.5) / intrinsics.height - 0.5))
     if off > _FAR_OFF:
         _log.warning(
@@ -44,4 +50,3 @@ def read_intrinsics(path: Path) -> Intrinsics:
             path.name,
             100 * off,
         )
-    return intrinsics

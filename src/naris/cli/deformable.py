@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from naris.cli.registered import LOOSENESS, SCHEMAS, looks_of, write_registered
-from naris.cli.registration import notes_on, of_scale
+from naris.cli.registration import doubts, notes_on, of_scale
 from naris.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def register_shape(options: Options, anatomy: Anatomy, seen: Seen, known: Shaped
         data["files"] = write_registered(
             options.out, pose, shown, looks | _shape(found), data, deformed=pose is not None
         )
-    console.answer(data, _text(data))
+    console.answer(data, _text(data, doubts(options, seen)))
     return 0 if found.status == "registered" else REFUSED
 
 
@@ -122,7 +122,7 @@ def _told(found: DeformableRegistration, anatomy: Anatomy, seen: Seen) -> dict[s
         "margin": _finite(found.margin),
         "iterations": found.iterations,
         "converged": found.converged,
-        "rays": len(seen.observation),
+        "rays": len(seen.observation.used()),
         "views": seen.observation.views,
     }
 
@@ -133,12 +133,13 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _text(data: dict[str, Any]) -> str:
+def _text(data: dict[str, Any], doubts: list[str]) -> str:
     x, y, z = (row[3] for row in data["best_guess"][:3])
     where = f"({x:.1f}, {y:.1f}, {z:.1f}) mm in {data['anatomy']['frame']} of {data['anatomy']['name']}"
+    kept = [f"  kept in {file}" for file in data.get("files", [])]
     if data["status"] == "refused":
         guess = f"  best guess near {where}, not to be used"
-        return "\n".join([f"refused: {data['reason']}", guess, *notes_on(data)])
+        return "\n".join([f"refused: {data['reason']}", guess, *notes_on(data), *doubts, *kept])
     told = sum(1 - min(sd, 1.0) ** 2 for sd in data["weight_sd"])  # what is left of doubt: 1 where nothing was seen
     scale = "" if data["scale_kind"] == "known" else f", scale {data['scale']:.3f} mm per unit"
     lines = [
@@ -149,5 +150,4 @@ def _text(data: dict[str, Any]) -> str:
         "  these are standard deviations for patients like the model's, not a probability",
         *notes_on(data),
     ]
-    lines += [f"  kept in {file}" for file in data.get("files", [])]
-    return "\n".join(lines)
+    return "\n".join([*lines, *doubts, *kept])

@@ -133,15 +133,17 @@ def observe(options: Options) -> Seen:
         return (_reconstruction if options.cloud.is_dir() else _cloud)(options, options.cloud)
     unit_mm = 1.0 if options.depth_unit_mm is None else options.depth_unit_mm
     if options.rig is not None:
+        from naris.cli.cameras import warn_of_centre
         from naris.register.rig import read_rig
 
         rig = read_rig(options.rig, unit_mm)
+        warn_of_centre(rig.intrinsics[0], options.rig)
         if all(sd is not None for sd in rig.sds):
             refuse(options, ("noise",), "only without depth_sd of all views", f"{options.rig.name}, which names them")
         scale = _scale(options, rig.depths[0])
         return Seen(rig.observed(_noise(options, scale), scale), rig.intrinsics[0], rig.depths[0])
     from naris.cli.cameras import read_intrinsics
-    from naris.register.files import read_depth_image
+    from naris.register.files import DEVIATIONS, read_depth_image
     from naris.register.observation import from_depth
 
     if options.intrinsics is None:
@@ -150,7 +152,7 @@ def observe(options: Options) -> Seen:
     if options.depth is None:
         return _picture(options, intrinsics)
     depth = read_depth_image(options.depth, unit_mm)
-    sd = None if options.depth_sd is None else read_depth_image(options.depth_sd, unit_mm)
+    sd = None if options.depth_sd is None else read_depth_image(options.depth_sd, unit_mm, DEVIATIONS)
     scale = _scale(options, depth)
     return Seen(from_depth(depth, intrinsics, _noise(options, scale), scale, sd), intrinsics, depth)
 
@@ -192,6 +194,7 @@ def _cloud(options: Options, file: Path) -> Seen:
 def _reconstruction(options: Options, folder: Path) -> Seen:
     import numpy as np
 
+    from naris.cli.cameras import warn_of_centre
     from naris.register.noise import PointNoise
     from naris.register.sfm.read import read_reconstruction
     from naris.register.sfm.reconstruction import noise_of, observed
@@ -201,6 +204,7 @@ def _reconstruction(options: Options, folder: Path) -> Seen:
     points = made.seen_by(view)
     noise = noise_of(points) if options.noise is None else PointNoise(options.noise)
     scale = _scale(options, np.linalg.norm(points, axis=1))
+    warn_of_centre(view.intrinsics, folder)
     return Seen(observed(made, view, noise, scale, alone=options.alone), view.intrinsics)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from naris.cli.registered import SCHEMAS
@@ -43,7 +44,7 @@ def told(found: Registration, anatomy: Anatomy, seen: Observation, method: str) 
         "sd_deg": None if loose else np.rad2deg(sd[3:]).tolist(),
         "expected_tre_mm": None if loose or found.anatomy_T_camera is None else _expected(found, anatomy),
         "alternatives": found.alternatives.matrix.tolist(),
-        "rays": len(seen),
+        "rays": len(seen.used()),
         "views": seen.views,
     }
 
@@ -78,7 +79,9 @@ def _expected(found: Registration, anatomy: Anatomy) -> dict[str, float]:
 def doubts(options: Options, seen: Seen) -> list[str]:
     """What was said and not checked, for whoever wonders why a pose is refused, or believes one."""
     said = []
-    if options.cloud is not None:
+    if options.cloud is not None and options.cloud.is_dir():
+        said.append("the cameras and the poses of the reconstruction, and that it is not mirrored")
+    elif options.cloud is not None:
         said.append("that the points are in the frame of the camera, and not mirrored")
     elif seen.estimate is None:
         said.append("the intrinsics, and that nothing is mirrored")
@@ -87,8 +90,9 @@ def doubts(options: Options, seen: Seen) -> list[str]:
     if options.rig is not None:
         said.append("the poses of the cameras to each other")
     lines = [f"  taken for granted, check it: {'; '.join(said)}"] if said else []
-    fov_deg = None if seen.intrinsics is None or seen.estimate is not None else seen.intrinsics.vertical_fov_deg
-    if fov_deg is not None and not _FITTED_DEG[0] <= fov_deg <= _FITTED_DEG[1]:
+    unfitted = seen.estimate is not None or options.shape_model is not None or options.modes is not None
+    fov_deg = None if seen.intrinsics is None or unfitted else seen.intrinsics.vertical_fov_deg
+    if fov_deg is not None and math.isfinite(fov_deg) and not _FITTED_DEG[0] <= fov_deg <= _FITTED_DEG[1]:
         lines.append(f"  of a lens that sees {fov_deg:.0f}° the probability is a guess: it was fitted on 80°")
     return lines
 
@@ -127,11 +131,13 @@ def text(data: dict[str, Any], doubts: list[str]) -> str:
 
 def _by_edges(edges: dict[str, Any]) -> str:
     """Whether they moved the pose, and why not."""
+    from naris.register.contour import FEWEST_EDGES
+
     beside = f"{edges['edges']} places on edges of walls have one beside them"
     if edges["used"]:
         return f"moved by {edges['moved_mm']:.2f} mm and {edges['moved_deg']:.1f}°, {beside}"
     before, after = edges["off_px_before"], edges["off_px_after"]
-    if before is None or after is None:
+    if before is None or after is None or edges["edges"] < FEWEST_EDGES:
         return f"not moved, too few: {beside}"
     return (
         f"not moved: {beside}, and they would lie {after:.1f} instead of {before:.1f} px from them; look at the overlay"

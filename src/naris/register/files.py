@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
@@ -23,8 +24,13 @@ AHEAD_MM = 10.0
 AHEAD = f"{AHEAD_MM:.0f} mm ahead of the camera"
 _MOST_BYTES = 1 << 30
 _MOST_PIXELS = 64_000_000
+DEVIATIONS = "standard deviations of depth"
 _MOST_NEGATIVE = 0.1  # of the depths that are known: of more the sign is another
-_NOT_NUMPY = ValueError, EOFError, OSError, OverflowError, MemoryError, SyntaxError, BadZipFile, TokenError
+_NOT_NUMPY = (
+    *(ValueError, TypeError, LookupError, SyntaxError, TokenError),  # of a header, which is a word of Python
+    *(EOFError, OSError, OverflowError, MemoryError, BadZipFile),
+)
+_DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+(\s+[-+]?\d+,\d+){2,}\s*")
 _UNIT = 0.02  # how far from 1 the length of a normal may be that was rounded to two digits
 
 
@@ -68,8 +74,10 @@ def _read_cloud(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
         elif path.suffix.lower() == ".ply":
             points = read_ply_points(path, content, normals=columns > 3)
         else:
-            text = content.decode("utf-8-sig", "strict").replace(",", " ")
-            points = np.array([[float(word) for word in line.split()] for line in _lines(text)])
+            lines = _lines(content.decode("utf-8-sig", "strict"))
+            if lines and all(_DECIMAL_COMMA.fullmatch(line) for line in lines):
+                raise ValueError("commas in its numbers")
+            points = np.array([[float(word) for word in line.replace(",", " ").split()] for line in lines])
     except (ValueError, UnicodeDecodeError) as error:
         raise InputError(
             f"points in {path.name}", f"something else ({error})", "give three numbers a line, a PLY or a .npy (N, 3)"
@@ -82,8 +90,13 @@ def _read_cloud(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
     return np.asarray(points[:, :columns], dtype=np.float64)
 
 
-def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:
+def read_depth_image(path: Path, unit_mm: float, what: str = "depth") -> Float[np.ndarray, "h w"]:
     """Z-depth in mm: a 16-bit picture, each step `unit_mm`, or a numpy array in units of `unit_mm`; 0 or NaN unknown.
+
+    Args:
+        path: of the file.
+        unit_mm: of its numbers.
+        what: they are, for messages: depth, or its deviations.
 
     Raises:
         InputError: if there is no such file, or it is no depth image.
@@ -92,12 +105,13 @@ def read_depth_image(path: Path, unit_mm: float) -> Float[np.ndarray, "h w"]:
     depth = _array(path, content) if path.suffix.lower() == ".npy" else _picture(path, content)
     if depth.ndim != 2 or not _is_real(depth):
         got = f"an array of shape {depth.shape} and type {depth.dtype}"
-        raise InputError(f"a depth image (H, W) of numbers in {path.name}", got, "give one channel")
+        raise InputError(f"an image (H, W) of {what} in {path.name}", got, "give one channel")
     known = depth[np.isfinite(depth) & (depth != 0)]
     negative = int((known < 0).sum())
     if not len(known) or negative > _MOST_NEGATIVE * len(known):
         got = f"{negative} of {len(known)} below it" if len(known) else "none"
-        raise InputError(f"depth above 0 in {path.name}", got, "check the file, and which way its z looks")
+        todo = "check the file, and which way its z looks" if what == "depth" else "check the file"
+        raise InputError(f"{what} above 0 in {path.name}", got, todo)
     return np.asarray(depth, dtype=np.float64) * unit_mm
 
 

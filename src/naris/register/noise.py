@@ -9,7 +9,7 @@ import numpy as np
 
 from naris.errors import InputError
 
-_LEAST_SD_LOG = 1e-6
+_LEAST_SD_LOG, _MOST_SD_LOG = 1e-6, 3.0
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ class Scale:
         fits = (
             0 < self.low < self.high < np.inf
             and 0 < self.factor < np.inf
-            and (self.sd_log >= _LEAST_SD_LOG if is_prior else self.sd_log == 0)
+            and (_LEAST_SD_LOG <= self.sd_log <= _MOST_SD_LOG if is_prior else self.sd_log == 0)
             and (self.factor == 1 or is_prior)
         )
         if not fits:
             raise InputError(
-                "positive factors, low below high, and a factor and a deviation (1e-6 or more) for a prior only",
+                "positive factors, low below high, a factor and a deviation (1e-6 to 3) for a prior only",
                 f"{self}",
                 "correct the scale, or multiply what was seen by the factor",
             )

@@ -20,6 +20,8 @@ from naris.core.results import DepthEstimate
 from naris.errors import InputError, PoseError
 from naris.register.noise import KNOWN, DepthNoise, PointNoise, Scale
 
+MOST_POINTS = 1024
+"""Of a view: more say nothing new."""
 _BLOCKS = 32
 _CONSISTENT = 4.5
 _NEAR_MM, _FAR_MM = 0.05, 1000.0
@@ -76,6 +78,13 @@ class Observation:
         if len(self) <= most:
             return self
         return self.rows(_evenly(self.view, most))
+
+    def used(self) -> Observation:
+        """What a registration takes of it: of a cloud at most `MOST_POINTS` a view, evenly chosen."""
+        if not self.is_cloud or len(self) <= MOST_POINTS:
+            return self
+        of_each = [np.flatnonzero(self.view == view) for view in range(self.views)]
+        return self.rows(np.concatenate([of[_evenly(self.view[of], MOST_POINTS)] for of in of_each]))
 
     def rows(self, chosen: np.ndarray) -> Observation:
         """Some of its rays, by number or by a mask, in that order."""

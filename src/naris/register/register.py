@@ -21,7 +21,6 @@ from naris.register.starts import NOTHING, Belief, Starts, find_starts
 
 _ALTERNATIVES = 4
 _LEAST_CHANCE = 1e-3
-_MOST_POINTS = 1024
 """Of a view: of more of them, whose errors are never quite independent, the evidence is surer than it should be."""
 _LIMIT = 1.01
 """A scale so near to a limit, as a factor, has ended there."""
@@ -96,8 +95,7 @@ def register(
             "ranges that a network told from a picture",
             "use naris.register.picture.register_picture",
         )
-    if observation.is_cloud:
-        observation = observation.some(_MOST_POINTS * observation.views)
+    observation = observation.used()
     return _chosen(at, observation, search(at, observation, belief, config), (belief, config))
 
 

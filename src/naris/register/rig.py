@@ -14,7 +14,7 @@ from naris.core.camera import Intrinsics
 from naris.core.pose import CAMERA, Pose, stack
 from naris.dataset.layout import intrinsics_from_json
 from naris.errors import InputError, PoseError
-from naris.register.files import content_of, read_depth_image
+from naris.register.files import DEVIATIONS, content_of, read_depth_image
 from naris.register.noise import DepthNoise, Scale
 from naris.register.observation import Observation, from_depth, together
 
@@ -81,7 +81,9 @@ def read_rig(path: Path, unit_mm: float) -> Rig:
             "tell all poses in the first camera",
         )
     depths = tuple(read_depth_image(path.parent / depth, unit_mm) for depth, _, _, _ in whole)
-    sds = tuple(None if sd is None else read_depth_image(path.parent / sd, unit_mm) for _, sd, _, _ in whole)
+    sds = tuple(
+        None if sd is None else read_depth_image(path.parent / sd, unit_mm, DEVIATIONS) for _, sd, _, _ in whole
+    )
     return Rig(depths, tuple(intrinsics for _, _, intrinsics, _ in whole), poses, sds)
 
 

@@ -89,8 +89,9 @@ class Belief:
             if np.shape(self.covariance) != (count, 6, 6):
                 got = f"{np.shape(self.covariance)}"
                 raise InputError(f"a covariance (6, 6) for each of {count} poses", got, "give one for each")
-            if not (np.linalg.eigvalsh(self.covariance) >= -0.5 * _TINY).all():
-                raise InputError("covariances without a negative variance", "others", "correct them")
+            alike = np.allclose(self.covariance, np.swapaxes(self.covariance, -1, -2))  # NaN is not like itself
+            if not alike or not (np.linalg.eigvalsh(self.covariance) >= -0.5 * _TINY).all():
+                raise InputError("symmetric covariances without a negative variance", "others", "correct them")
 
     def chance(self, places_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Of the region of each place; 1 where nothing is known, 0 in no region."""

@@ -72,7 +72,7 @@ def register_deformable(
     Args:
         at: the mean, prepared (`registration_map`).
         modes: of the shape.
-        observation: what was seen.
+        observation: what was seen; of a cloud 1,024 points a view are used, evenly chosen.
         belief: what is known beforehand of region or pose, in the frame of the mean.
         config: how much is tried.
 
@@ -83,7 +83,7 @@ def register_deformable(
     """
     if at.anatomy.digest != modes.mean.digest:
         raise InputError("modes of the anatomy that was prepared", "those of another", "prepare the mean of the model")
-    rng = np.random.default_rng(config.seed)
+    observation, rng = observation.used(), np.random.default_rng(config.seed)
     wide = _with_shape_as_noise(observation, modes.off_mm)
     rough = coarse(at, wide, find_starts(at, wide, belief, config.starts, rng))
     # Solved with the shape, neighbours end alike; what another place has to say is worth more.
