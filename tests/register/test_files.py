@@ -199,8 +199,9 @@ def test_what_is_no_array_of_numpy_is_one_sentence(tmp_path, read, content):
         read(tmp_path / "d.npy")
 
 
-def test_complex_numbers_are_no_depth_and_no_points(tmp_path):
-    np.save(tmp_path / "d.npy", np.ones((20, 3), complex))
+@pytest.mark.parametrize("kind", ["complex128", "timedelta64[s]", "bool"])
+def test_what_is_no_number_is_no_depth_and_no_point(tmp_path, kind):
+    np.save(tmp_path / "d.npy", np.ones((20, 3)).astype(kind))
     with pytest.raises(InputError, match="points"):
         read_cloud(tmp_path / "d.npy")
     with pytest.raises(InputError, match="one channel"):

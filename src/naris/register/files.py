@@ -142,7 +142,7 @@ def _array(path: Path, content: bytes) -> np.ndarray:
 
 
 def _is_real(array: np.ndarray) -> bool:
-    return np.issubdtype(array.dtype, np.integer) or np.issubdtype(array.dtype, np.floating)
+    return array.dtype.kind in "iuf"
 
 
 def slicer_transform(anatomy_T_camera: Pose) -> str:
