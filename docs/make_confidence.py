@@ -48,8 +48,9 @@ WEIGHTS = {
     for noise in ALL
 } | {"other d": 2 / 3, f"other {FREE_POINTS}": 2 / 3}
 """Other patients are rarer in use than here; single clouds of them are hard to tell, and count twice for it. From a
-pose the same is seen as from nothing, once more. Trials that are not here count for depth
-without a smooth error alone."""
+pose the same is seen as from nothing, once more."""
+_OF_GRAIN, _OF_OTHERS_GRAIN = 1.0, 1 / 3
+"""Of trials that are not there, which count for depth without a smooth error alone."""
 _OTHERS, _MOST_OF_OTHERS = 2.0, 2 / 3
 """How much more they count, and at most, where it is learnt what speaks for a pose. How sure that makes is told with
 the weights above. Of what was tried the answers for patients left out had the least log loss with this. With more, more
@@ -143,7 +144,7 @@ def _of_few(sure: np.ndarray, few: np.ndarray, y: np.ndarray, w: np.ndarray) -> 
 def _of_plain(kind: np.ndarray, sure: np.ndarray, shared: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Of depth without a smooth error: what log odds are times, and what neighbours share is, and a shift."""
     some = np.isfinite(shared)
-    w = np.where(w > 0, w, np.where(np.char.startswith(kind, "other"), 1 / 3, 1.0))
+    w = np.where(w > 0, w, np.where(np.char.startswith(kind, "other"), _OF_OTHERS_GRAIN, _OF_GRAIN))
     slopes, shift = fit_logistic(np.stack([sure, shared], axis=1)[some], y[some], w[some], RIDGE)
     return np.array([*slopes, shift])
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 import trimesh
@@ -30,6 +33,14 @@ def cube(**changes: object) -> Anatomy:
         **changes,
     }
     return Anatomy(**given_or_default)
+
+
+def test_nobody_changes_the_surface_of_an_anatomy_here_or_in_another_process() -> None:
+    for anatomy in (cube(), pickle.loads(pickle.dumps(cube())), copy.deepcopy(cube())):
+        assert anatomy.digest == cube().digest
+        for array in (anatomy.vertices_mm, anatomy.faces):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 0
 
 
 def grid() -> GridRegions:

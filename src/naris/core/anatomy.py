@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
@@ -204,9 +204,17 @@ class Anatomy:
                 f"face indices 0…{len(vertices) - 1}", f"{faces.min()}…{faces.max()}", "repair the surface"
             )
         for array, name in ((vertices, "vertices_mm"), (faces, "faces")):
-            array = array.copy()
+            object.__setattr__(self, name, array.copy())
+        self._protect()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Arrays that come from another process could be written, and numba compiles anew for those."""
+        self.__dict__.update(state)
+        self._protect()
+
+    def _protect(self) -> None:
+        for array in (self.vertices_mm, self.faces):
             array.setflags(write=False)
-            object.__setattr__(self, name, array)
 
     @cached_property
     def digest(self) -> str:

@@ -17,6 +17,7 @@ JUMP = 0.12
 """Neighbouring depths that differ by more than this share are an edge: a turbinate in front of what lies behind."""
 _EDGE_RGB, _EDGES_ACROSS = (60, 255, 120), 240  # so many lines would cover a picture
 _LEVEL_RGB, _LEVELS, _FEW_EDGES = (90, 200, 255), 8, 0.5  # of a wall with edges less long than half the picture
+_NEIGHBOURS = (np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])  # to the right and below
 _BLACK = 12  # and the noise of a camera
 _REFUSED_RGB, _WARNING = (150, 20, 20), "REFUSED: the best guess, not to be used"
 _HALVES = "what was seen, with walls as guessed", "what a camera there would see"
@@ -47,7 +48,7 @@ def edges(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Pixels where the depth jumps to the right or below; beside what is not seen, those that are seen."""
     log, seen = np.log(np.maximum(depth, 1e-3)), depth > 0
     jump = np.zeros(depth.shape, dtype=bool)
-    for one, next_ in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+    for one, next_ in _NEIGHBOURS:
         jumps = np.abs(log[next_] - log[one]) > JUMP
         jump[one] |= jumps
         jump[next_] |= jumps & ~seen[one]
@@ -63,7 +64,7 @@ def levels(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     low, high = float(log[seen].min()), float(log[seen].max())
     level = np.minimum(np.floor((log - low) * _LEVELS / max(high - low, 1e-6)), _LEVELS - 1)
     lines = np.zeros(depth.shape, dtype=bool)
-    for one, next_ in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+    for one, next_ in _NEIGHBOURS:
         lines[one] |= (level[one] != level[next_]) & seen[one] & seen[next_]
     return lines
 

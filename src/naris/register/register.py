@@ -21,7 +21,6 @@ from naris.register.starts import NOTHING, Belief, Starts, find_starts
 
 _ALTERNATIVES = 4
 _LEAST_CHANCE = 1e-3
-"""Of a view: of more of them, whose errors are never quite independent, the evidence is surer than it should be."""
 _LIMIT = 1.01
 """A scale so near to a limit, as a factor, has ended there."""
 

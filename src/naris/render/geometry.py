@@ -34,6 +34,6 @@ def geometry_of(anatomy: Anatomy) -> Geometry:
     return Geometry(
         np.ascontiguousarray(anatomy.vertices_mm, np.float32),
         np.ascontiguousarray(anatomy.vertex_normals, np.float32),
-        np.array(anatomy.faces, np.int32, order="C"),  # a copy: numba compiles anew for what is read only
+        np.ascontiguousarray(anatomy.faces, np.int32),
         np.ascontiguousarray(normal, np.float32),
     )

@@ -82,7 +82,7 @@ def draw_surface(
     corner = np.floor(flat.min(axis=0)) - 0.5
     width, height = np.ceil((flat.max(axis=0) + 0.5 - corner) * px_per_mm).astype(int)
     xyd = np.concatenate([(flat - corner) * px_per_mm - 0.5, (anatomy.vertices_mm @ aspect.towards_eye)[:, None]], 1)
-    faces, places = _k_buffer(xyd.astype(np.float32), anatomy.faces.copy(), np.array([height, width, _LAYERS]))
+    faces, places = _k_buffer(xyd.astype(np.float32), anatomy.faces, np.array([height, width, _LAYERS]))
     picture = np.zeros((height, width, 4), dtype=np.float32)
     for layer in range(_LAYERS):  # the farthest comes first
         hit = np.nonzero(faces[..., layer] >= 0)
